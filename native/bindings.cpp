@@ -1,0 +1,131 @@
+// Arrays in, arrays out: shapes are checked by nanobind's types and by the caller, there is no logic here.
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
+
+#include <optional>
+#include <tuple>
+#include <vector>
+
+#include "layered.h"
+#include "math/layered_filter.h"
+#include "samples.h"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace {
+
+using namespace fewrays;
+
+template <typename Scalar, nb::ssize_t... shape>
+using Array = nb::ndarray<Scalar, nb::shape<shape...>, nb::c_contig, nb::device::cpu>;
+
+Samples make_samples(Array<const float, -1, -1, -1, 2> xy, Array<const float, -1, -1, -1, 2> uv,
+                     Array<const float, -1, -1, -1> depth, Array<const float, -1, -1, -1, 3> color, float c0,
+                     float c1) {
+    for (std::size_t axis = 0; axis < 3; ++axis)
+        if (xy.shape(axis) != depth.shape(axis) || uv.shape(axis) != depth.shape(axis) ||
+            color.shape(axis) != depth.shape(axis))
+            throw nb::value_error("xy, uv, depth and color differ in shape");
+    return {xy.data(),
+            uv.data(),
+            depth.data(),
+            color.data(),
+            static_cast<int>(depth.shape(0)),
+            static_cast<int>(depth.shape(1)),
+            static_cast<int>(depth.shape(2)),
+            c0,
+            c1};
+}
+
+}  // namespace
+
+NB_MODULE(_native, m) {
+    m.doc() = "Inner loops of fewrays. Internal: shapes and units are described where the calls are made.";
+
+    nb::enum_<FilterFamily>(m, "FilterFamily")
+        .value("paper", FilterFamily::paper)
+        .value("matched", FilterFamily::matched)
+        .value("axis_aligned", FilterFamily::axis_aligned);
+    nb::enum_<Sampling>(m, "Sampling")
+        .value("disc", Sampling::disc)
+        .value("square", Sampling::square)
+        .value("gaussian", Sampling::gaussian);
+    nb::class_<FilterRule>(m, "FilterRule")
+        .def(
+            "__init__",
+            [](FilterRule* self, FilterFamily family, double sigma_pix, double sigma_u, double max_sigma_x,
+               Sampling sampling, double sampling_sigma, double aperture_moment, double k) {
+                new (self) FilterRule{family,   sigma_pix,      sigma_u,         max_sigma_x,
+                                      sampling, sampling_sigma, aperture_moment, k};
+            },
+            nb::kw_only(), "family"_a, "sigma_pix"_a, "sigma_u"_a, "max_sigma_x"_a, "sampling"_a,
+            "sampling_sigma"_a, "aperture_moment"_a, "k"_a);
+
+    m.def(
+        "layer_filter",
+        [](double c_min, double c_max, const FilterRule& rule) {
+            const LayerFilter filter = layer_filter(c_min, c_max, rule);
+            return std::tuple(filter.eta, filter.variance, filter.falloff);
+        },
+        "c_min"_a, "c_max"_a, "rule"_a);
+    m.def(
+        "screen_taps",
+        [](double variance, int ring, bool exact) {
+            std::vector<float> taps(static_cast<std::size_t>(ring) + 1);
+            screen_taps(variance, ring, exact, taps.data());
+            return taps;
+        },
+        "variance"_a, "ring"_a, "exact"_a);
+
+    nb::class_<Samples>(m, "Samples")
+        .def(
+            "__init__",
+            [](Samples* self, Array<const float, -1, -1, -1, 2> xy, Array<const float, -1, -1, -1, 2> uv,
+               Array<const float, -1, -1, -1> depth, Array<const float, -1, -1, -1, 3> color, float c0, float c1) {
+                new (self) Samples(make_samples(xy, uv, depth, color, c0, c1));
+            },
+            nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>(), nb::keep_alive<1, 5>(), "xy"_a,
+            "uv"_a, "depth"_a, "color"_a, "c0"_a, "c1"_a);
+
+    m.def(
+        "block_extents",
+        [](const Samples& samples, int block, float margin, int first, int last, Array<float, -1, -1, 4> extents) {
+            block_extents(samples, block, margin, first, last, reinterpret_cast<Extent*>(extents.data()));
+        },
+        nb::call_guard<nb::gil_scoped_release>());
+
+    nb::class_<LayeredPlan>(m, "LayeredPlan")
+        .def(
+            "__init__",
+            [](LayeredPlan* self, int tile, int ring, int max_layers, float bins_per_pixel, int first_bin,
+               Array<const std::uint8_t, -1> partition_of_bin, Array<const std::int32_t, -1> slot_of_partition,
+               const FilterRule& rule) {
+                new (self) LayeredPlan{tile,
+                                       ring,
+                                       max_layers,
+                                       bins_per_pixel,
+                                       first_bin,
+                                       static_cast<int>(partition_of_bin.shape(0)),
+                                       static_cast<int>(slot_of_partition.shape(0)),
+                                       partition_of_bin.data(),
+                                       slot_of_partition.data(),
+                                       rule};
+            },
+            nb::keep_alive<1, 7>(), nb::keep_alive<1, 8>());
+
+    m.def(
+        "layered_tiles",
+        [](const Samples& samples, Array<const float, -1, -1, 4> extents, int block, const LayeredPlan& plan,
+           int first, int last, Array<float, -1, -1, 3> image, Array<std::int32_t, -1> counts,
+           std::optional<Array<float, -1, -1, -1, 4>> layer_images) {
+            const LayeredOutput output{image.data(), counts.data(), layer_images ? layer_images->data() : nullptr,
+                                       layer_images ? static_cast<int>(layer_images->shape(2)) : 0};
+            layered_tiles(samples, reinterpret_cast<const Extent*>(extents.data()), block, plan, first, last, output);
+        },
+        "samples"_a, "extents"_a, "block"_a, "plan"_a, "first"_a, "last"_a, "image"_a, "counts"_a,
+        "layer_images"_a.none(), nb::call_guard<nb::gil_scoped_release>());
+}

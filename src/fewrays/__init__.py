@@ -1,0 +1,23 @@
+"""fewrays: noise-free depth of field, motion blur and soft shadows from a few rays per pixel."""
+
+from fewrays.errors import SampleError
+from fewrays.io import load, load_image, save, save_image
+from fewrays.lens import Lens
+from fewrays.metrics import compare
+from fewrays.reconstruct import METHODS, reconstruct
+from fewrays.samples import SampleBuffer
+
+__all__ = [
+    "METHODS",
+    "Lens",
+    "SampleBuffer",
+    "SampleError",
+    "compare",
+    "load",
+    "load_image",
+    "reconstruct",
+    "save",
+    "save_image",
+]
+
+__version__ = "0.1.0"

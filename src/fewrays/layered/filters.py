@@ -1,0 +1,261 @@
+"""Sheared filters for one depth layer (layered, section 3).
+
+A layer holds slopes between ``c_min`` and ``c_max`` (pixels per lens unit; this project's sign: a sample at
+image position x and lens position u belongs to ``x - c u`` at the lens centre, where the paper writes
+``x + c u``). Its filter is a Gaussian over the lens times a Gaussian over the screen, sheared in x:
+
+    w(x, u) = N(x - eta u; sigma_screen) · exp(-falloff |u|²)
+
+so that it can be evaluated as a pre-integration (scatter every sample to ``x - eta u``) followed by a
+separable blur (section 3.5). This module derives eta, sigma_screen and falloff in three cases:
+
+- *small shear*, the layer's largest ``|c|`` below ``Ω_u / Ω_pix = sigma_pix / sigma_u``: Eq. 26 to 29;
+- *sheared*: Eq. 12 to 16, with the axes transformed by Eq. 22;
+- *axis-aligned*, when the layer spans the focal plane: Eq. 11.
+
+**Matched widths.** The paper's filter bounds the spectrum by the pixel's or the aperture's band limit,
+whichever is tighter, so a defocused point comes out narrower than pixel filter and aperture together make it,
+and lens samples that end at the rim, bins of one pixel and a tile ring that cuts the kernel add errors of their
+own. All of these are errors of the second moment, and the screen-space filter can absorb them: scattering a
+plane of slope c leaves a residual shear ``c - eta`` over the lens, so the image of a point has the variance
+
+    sigma_screen² + (c - eta)² · m(lens filter),    to equal    sigma_pix² + c² · m(aperture),
+
+with m the second moment along one axis. ``screen_filter="matched"`` solves this at the layer's central slope
+and subtracts the variance of a bin, 1/12; ``"paper"`` keeps the published widths.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from fewrays.lens import Lens, Sampling
+
+__all__ = ["FilterRule", "LayerFilter", "axis_aligned_filter", "screen_taps", "sheared_filter"]
+
+Float64 = npt.NDArray[np.float64]
+
+BIN_VARIANCE = 1.0 / 12.0
+"""Second moment of the one-pixel bin that a sample is rounded to, in pixels²."""
+
+
+@dataclass(frozen=True)
+class LayerFilter:
+    """The filter of one layer.
+
+    Parameters
+    ----------
+    eta : float
+        Shear: samples are scattered to ``xy - eta * uv``; pixels per lens unit.
+    variance : float
+        Second moment of the discrete screen-space kernel along one axis, in pixels².
+    falloff : float
+        A sample at lens radius r weighs ``exp(-falloff r²)``, sampling density already divided out.
+    """
+
+    eta: float
+    variance: float
+    falloff: float
+
+
+@dataclass(frozen=True)
+class FilterRule:
+    """What a layer's filter depends on besides its slopes.
+
+    Parameters
+    ----------
+    family : {"paper", "matched", "axis-aligned"}
+        The published sheared filters, the same with matched widths (see the module), or Mehta et al.'s
+        axis-aligned filter.
+    sigma_pix : float
+        Standard deviation of the Gaussian pixel filter in pixels.
+    sigma_u : float
+        Standard deviation of the aperture along one axis, in lens units.
+    max_sigma_x : float
+        Largest screen-space extent of a sheared filter, in pixels.
+    sampling : {"disc", "square", "gaussian"}
+        Density of the lens positions.
+    sampling_sigma : float
+        Standard deviation of a Gaussian density.
+    aperture_moment : float
+        Second moment of the aperture along one axis, in lens units².
+    k : float
+        Divisor of the axis-aligned filter's width (section 7).
+    """
+
+    family: Literal["paper", "matched", "axis-aligned"]
+    sigma_pix: float
+    sigma_u: float
+    max_sigma_x: float
+    sampling: Sampling
+    sampling_sigma: float
+    aperture_moment: float
+    k: float = 2.0
+
+    @classmethod
+    def for_lens(
+        cls,
+        lens: Lens,
+        family: Literal["paper", "matched", "axis-aligned"],
+        *,
+        sigma_pix: float,
+        max_sigma_x: float,
+        k: float = 2.0,
+    ) -> FilterRule:
+        """Collect a lens's numbers; a disc is replaced by the Gaussian of equal second moment."""
+        sigma_u = lens.gaussian_sigma
+        moment = lens_moment(1 / sigma_u**2, "square") if lens.aperture == "gaussian" else sigma_u**2
+        return cls(family, sigma_pix, sigma_u, max_sigma_x, lens.sampling, lens.sigma, moment, k)
+
+    def filter(self, c_min: float, c_max: float) -> LayerFilter:
+        """Return the filter of a layer with slopes from `c_min` to `c_max`, in pixels per lens unit."""
+        if self.family == "axis-aligned":
+            return axis_aligned_filter(c_min, c_max, self)
+        return sheared_filter(c_min, c_max, self)
+
+
+def sheared_filter(c_min: float, c_max: float, rule: FilterRule) -> LayerFilter:
+    """Derive the sheared filter of a layer (section 3.3, 3.4 and 3.6).
+
+    Parameters
+    ----------
+    c_min, c_max : float
+        The layer's slopes, ``c_min <= c_max``, in pixels per lens unit.
+    rule : FilterRule
+        Pixel filter, aperture and sampling.
+
+    Returns
+    -------
+    LayerFilter
+    """
+    sigma_u, sigma_pix = rule.sigma_u, rule.sigma_pix
+    if max(-c_min, c_max) < sigma_pix / sigma_u:  # small shear, Eq. 27 to 29
+        center = eta = 0.5 * (c_min + c_max)
+        lens_precision = ((c_max - c_min) / (2 * sigma_pix)) ** 2
+        sigma_screen = sigma_pix
+    elif c_min < 0 < c_max:  # wide wedge, Eq. 11
+        center = eta = 0.0
+        lens_precision = 1 / sigma_u**2
+        sigma_screen = sigma_pix
+    else:
+        # Eq. 12 and 16 give sigma_x = 1 / (π W) with W = |1/c_min - 1/c_max| / (2π sigma_u); written with the
+        # product of the slopes it has no pole at the focal plane, and is infinite only for a single slope.
+        product, spread = c_min * c_max, c_max - c_min
+        unlimited = product >= rule.max_sigma_x * spread / (2 * sigma_u)
+        sigma_x = rule.max_sigma_x if unlimited else 2 * sigma_u * product / spread
+        center = 2 * product / (c_min + c_max)  # Eq. 13
+        # Eq. 22, in terms of s = sigma_x / c_avg so that sigma_x = 0 needs no case of its own.
+        s = sigma_x / center if center else 0.0
+        gamma2 = sigma_u**2 + s**2
+        eta = s * sigma_x / gamma2
+        lens_precision = 1 / gamma2
+        sigma_screen = max(sigma_x * sigma_u / math.sqrt(gamma2), sigma_pix)
+
+    density_precision = 0.0
+    if rule.sampling == "gaussian":
+        # Dividing by the density of importance samples would let the few samples near the rim outweigh all
+        # others. The lens filter is therefore never made wider than the density.
+        density_precision = 1 / rule.sampling_sigma**2
+        lens_precision = max(lens_precision, density_precision)
+    falloff = 0.5 * (lens_precision - density_precision)
+
+    if rule.family == "paper":
+        return LayerFilter(eta, sigma_screen**2, falloff)
+    residual = (center - eta) ** 2 * lens_moment(lens_precision, rule.sampling)
+    variance = sigma_pix**2 + center**2 * rule.aperture_moment - residual - BIN_VARIANCE
+    return LayerFilter(eta, max(variance, 0.0), falloff)
+
+
+def axis_aligned_filter(c_min: float, c_max: float, rule: FilterRule) -> LayerFilter:
+    """Derive the axis-aligned filter of a layer, after Mehta et al. 2012 (section 3.7 and 7).
+
+    The samples are integrated over the aperture, then blurred by the counterpart of the band limit
+    ``Ω_u / min|c|``, divided by ``k`` and no narrower than the pixel filter.
+    """
+    nearest = 0.0 if c_min <= 0 <= c_max else min(abs(c_min), abs(c_max))
+    sigma = min(max(nearest * rule.sigma_u / rule.k, rule.sigma_pix), rule.max_sigma_x)
+    density_precision = 1 / rule.sampling_sigma**2 if rule.sampling == "gaussian" else 0.0
+    falloff = 0.5 * max(1 / rule.sigma_u**2 - density_precision, 0.0)
+    return LayerFilter(0.0, max(sigma**2 - BIN_VARIANCE, 0.0), falloff)
+
+
+def lens_moment(precision: float, sampling: Sampling) -> float:
+    """Second moment, along one axis, of a Gaussian over the lens that ends where the samples do.
+
+    Parameters
+    ----------
+    precision : float
+        Reciprocal variance of the unbounded Gaussian, >= 0, in lens units⁻².
+    sampling : {"disc", "square", "gaussian"}
+        The support: the unit disc, or the square ``[-1, 1]²``.
+
+    Returns
+    -------
+    float
+        In lens units²; 1/4 (disc) and 1/3 (square) for ``precision = 0``.
+    """
+    if sampling == "disc":
+        # ∫ r³ exp(-b r²) dr / 2∫ r exp(-b r²) dr over [0, 1], with b = precision / 2.
+        b = 0.5 * precision
+        if b < 1e-2:
+            return 0.25 - b / 24  # the closed form cancels here; the next term is b³ / 1440
+        return 0.5 * (1 / b - 1 / math.expm1(b))
+    if precision < 0.05:
+        return 1 / 3 - 2 / 45 * precision + 2 / 945 * precision**2  # the closed form cancels here as well
+    edge = math.sqrt(2 * precision / math.pi) * math.exp(-0.5 * precision) / math.erf(math.sqrt(precision / 2))
+    return (1 - edge) / precision
+
+
+def screen_taps(variance: float, ring: int, *, exact: bool) -> Float64:
+    """Sampled Gaussian of the given variance, normalised, cut off at `ring` pixels.
+
+    Parameters
+    ----------
+    variance : float
+        In pixels².
+    ring : int
+        Largest tap distance in pixels.
+    exact : bool
+        Choose the Gaussian so that the *discrete, cut-off* kernel has this variance; otherwise sample the
+        Gaussian of this variance.
+
+    Returns
+    -------
+    ndarray, (ring + 1,)
+        Taps at distances 0, 1, …, ring; a kernel uses each but the first twice.
+    """
+    distance2 = np.arange(ring + 1, dtype=np.float64) ** 2
+    twice = np.where(distance2 > 0, 2.0, 1.0)
+    t = 1 / (2 * variance) if variance > 0 else math.inf
+    if exact and variance > 0:
+        t = _exponent_of_variance(variance, distance2, twice)
+    with np.errstate(invalid="ignore"):
+        taps = np.where(distance2 > 0, np.exp(-t * distance2), 1.0)
+    return np.asarray(taps / (taps * twice).sum())
+
+
+def _exponent_of_variance(variance: float, distance2: Float64, twice: Float64) -> float:
+    """Find t for which taps exp(-t d²) have the given variance, by Newton's method on its reciprocal.
+
+    The reciprocal variance is convex and increasing in t, nearly linear for wide kernels and exponential for
+    narrow ones, so Newton's method from any side lands above the root and then descends to it.
+    """
+    if variance >= float((twice * distance2).sum() / twice.sum()):
+        return 0.0
+    t = 1 / (2 * variance)
+    for _ in range(_NEWTON_STEPS):
+        taps = twice * np.exp(-t * distance2)
+        total = taps.sum()
+        second = float((taps * distance2).sum() / total)
+        fourth = float((taps * distance2**2).sum() / total)
+        slope = (fourth - second**2) / second**2
+        t = max(t - (1 / second - 1 / variance) / slope, 0.0)
+    return t
+
+
+_NEWTON_STEPS = 12

@@ -1,0 +1,67 @@
+"""The layered method's native kernel, mapped over tiles by a thread pool."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from fewrays import _native
+from fewrays.layered.plan import Plan
+from fewrays.parallel import Execution, map_ranges
+from fewrays.samples import SampleBuffer
+
+__all__ = ["native_rule", "reconstruct_tiles"]
+
+_BLOCK = 16  # side of the blocks of pixels whose samples' extents are known, in pixels
+
+
+def reconstruct_tiles(
+    samples: SampleBuffer,
+    plan: Plan,
+    image: npt.NDArray[np.float32],
+    counts: npt.NDArray[np.int32],
+    layer_images: npt.NDArray[np.float32] | None,
+    execution: Execution,
+) -> None:
+    """Reconstruct all tiles into `image`, the number of layers into `counts` and the layers if asked for."""
+    view = _native.Samples(samples.xy, samples.uv, samples.depth, samples.color, samples.lens.c0, samples.lens.c1)
+    extents = np.empty((-(-plan.height // _BLOCK), -(-plan.width // _BLOCK), 4), np.float32)
+    map_ranges(
+        lambda first, last: _native.block_extents(view, _BLOCK, float(plan.ring), first, last, extents),
+        len(extents),
+        execution,
+        label="sorting",
+    )
+    native_plan = _native.LayeredPlan(
+        plan.tile,
+        plan.ring,
+        plan.max_layers or 0,
+        1 / plan.partitions.bin_size,
+        plan.partitions.first_bin,
+        plan.partitions.table,
+        plan.slots,
+        native_rule(plan),
+    )
+    map_ranges(
+        lambda first, last: _native.layered_tiles(
+            view, extents, _BLOCK, native_plan, first, last, image, counts, layer_images
+        ),
+        plan.tile_count,
+        execution,
+        label="layered",
+    )
+
+
+def native_rule(plan: Plan) -> _native.FilterRule:
+    """Hand a filter rule to the native side, field by field."""
+    rule = plan.rule
+    return _native.FilterRule(
+        family=_native.FilterFamily(("paper", "matched", "axis-aligned").index(rule.family)),
+        sigma_pix=rule.sigma_pix,
+        sigma_u=rule.sigma_u,
+        max_sigma_x=rule.max_sigma_x,
+        sampling=_native.Sampling(("disc", "square", "gaussian").index(rule.sampling)),
+        sampling_sigma=rule.sampling_sigma,
+        aperture_moment=rule.aperture_moment,
+        k=rule.k,
+    )

@@ -1,0 +1,90 @@
+"""How work is spread over threads, reported and cancelled.
+
+Native kernels work on a range of tiles, in one thread, with the interpreter lock released. Everything about
+threads is here. Each tile writes its own part of the output, so results do not depend on the thread count.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+
+from tqdm import tqdm
+
+from fewrays.errors import SampleError
+
+__all__ = ["Execution", "map_ranges", "progress_bar", "usable_cores"]
+
+_PROGRESS_DELAY = 2.0  # seconds that work may take before its progress bar appears
+
+
+@dataclass(frozen=True)
+class Execution:
+    """Where and how a method runs.
+
+    Parameters
+    ----------
+    device : str
+        ``"cpu"`` or ``"reference"``.
+    threads : int, optional
+        Threads to use; all usable cores when omitted.
+    progress : bool
+        Show a progress bar on stderr for work that takes over two seconds.
+    aovs : bool
+        Produce the method's further outputs as well.
+    """
+
+    device: str = "cpu"
+    threads: int | None = None
+    progress: bool = False
+    aovs: bool = False
+
+    def __post_init__(self) -> None:
+        if self.threads is not None and self.threads < 1:
+            raise SampleError(f"expected at least 1, got {self.threads}", field="threads")
+
+
+def usable_cores() -> int:
+    """Cores that this process may run on."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def progress_bar(total: int, label: str, *, show: bool, unit: str = "it") -> tqdm:
+    """Return a bar on stderr that appears once the work has taken two seconds."""
+    return tqdm(
+        total=total, desc=label, unit=unit, delay=_PROGRESS_DELAY, disable=not show, leave=False, file=sys.stderr
+    )
+
+
+def map_ranges(
+    kernel: Callable[[int, int], None], count: int, execution: Execution, *, label: str, chunk: int = 8
+) -> None:
+    """Call ``kernel(first, last)`` over ranges that cover ``0 … count``, from several threads.
+
+    The first exception cancels what has not started and is raised; so does Ctrl-C.
+    """
+    ranges = [(first, min(first + chunk, count)) for first in range(0, count, chunk)]
+    threads = min(execution.threads or usable_cores(), len(ranges))
+    with progress_bar(count, label, show=execution.progress, unit="tile") as bar:
+        if threads <= 1:
+            for first, last in ranges:
+                kernel(first, last)
+                bar.update(last - first)
+            return
+        with ThreadPoolExecutor(threads, thread_name_prefix="fewrays") as pool:
+            futures = []
+            for first, last in ranges:
+                future = pool.submit(kernel, first, last)
+                future.add_done_callback(lambda _, n=last - first: bar.update(n))
+                futures.append(future)
+            try:
+                done, _ = wait(futures, return_when=FIRST_EXCEPTION)
+                for future in done:
+                    future.result()
+            finally:
+                pool.shutdown(wait=True, cancel_futures=True)

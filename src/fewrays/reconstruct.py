@@ -1,0 +1,122 @@
+"""`reconstruct`: one entry point for every method."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Literal, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from fewrays import layered
+from fewrays.baselines import axis_aligned, box
+from fewrays.errors import SampleError
+from fewrays.method import Image, Method, Reconstruction
+from fewrays.parallel import Execution
+from fewrays.samples import SampleBuffer
+
+__all__ = ["METHODS", "find_method", "reconstruct", "run_method"]
+
+METHODS: dict[str, Method] = {
+    method.name: method
+    for method in (layered.METHOD, layered.AXIS_ALIGNED_METHOD, axis_aligned.METHOD, box.METHOD)
+}
+"""Every method by name, the best first."""
+
+
+@overload
+def reconstruct(
+    samples: SampleBuffer,
+    method: str = ...,
+    *,
+    device: str = ...,
+    threads: int | None = ...,
+    progress: bool = ...,
+    aovs: Literal[False] = ...,
+    **options: Any,
+) -> Image: ...
+@overload
+def reconstruct(
+    samples: SampleBuffer,
+    method: str = ...,
+    *,
+    device: str = ...,
+    threads: int | None = ...,
+    progress: bool = ...,
+    aovs: Literal[True],
+    **options: Any,
+) -> tuple[Image, dict[str, npt.NDArray[Any]]]: ...
+def reconstruct(
+    samples: SampleBuffer,
+    method: str = "layered",
+    *,
+    device: str = "auto",
+    threads: int | None = None,
+    progress: bool = False,
+    aovs: bool = False,
+    **options: Any,
+) -> Image | tuple[Image, dict[str, npt.NDArray[Any]]]:
+    """Reconstruct the image that hundreds of samples per pixel would have given.
+
+    Parameters
+    ----------
+    samples : SampleBuffer
+        The samples, with the lens to integrate over.
+    method : str
+        A name from `METHODS`.
+    device : {"auto", "cpu", "reference"}
+        ``"reference"`` runs the method's plain NumPy definition, slowly.
+    threads : int, optional
+        Threads to use; all usable cores when omitted. The result does not depend on it.
+    progress : bool
+        Show a progress bar on stderr for work over two seconds.
+    aovs : bool
+        Return the method's further outputs as well.
+    **options
+        Fields of the method's options, such as ``tile=32`` for ``"layered"``; see its options class.
+
+    Returns
+    -------
+    image : ndarray, (H, W, 3)
+        Linear radiance, float32.
+    aovs : dict of str to ndarray
+        Only with ``aovs=True``: arrays that start with ``(H, W)``.
+
+    Raises
+    ------
+    SampleError
+        For an unknown method, device or option, and for options out of range.
+    """
+    chosen = find_method(method)
+    known = [field.name for field in dataclasses.fields(chosen.options)]
+    for name in options:
+        if name not in known:
+            raise SampleError(
+                f"method {chosen.name!r} has no such option; it takes {', '.join(known) or 'none'}", field=name
+            )
+    execution = Execution(device=device, threads=threads, progress=progress, aovs=aovs)
+    result = run_method(samples, chosen, chosen.options(**options), execution)
+    return (result.image, result.aovs) if aovs else result.image
+
+
+def find_method(name: str) -> Method:
+    """Return the method of that name, or raise a `SampleError` that lists them."""
+    try:
+        return METHODS[name]
+    except KeyError:
+        raise SampleError(f"unknown method {name!r}; choose from {', '.join(METHODS)}", field="method") from None
+
+
+def run_method(samples: SampleBuffer, method: Method, options: Any, execution: Execution) -> Reconstruction:
+    """Run a method with its options object; ``device="auto"`` becomes the method's fastest device."""
+    device = method.devices[0] if execution.device == "auto" else execution.device
+    if device not in method.devices:
+        raise SampleError(
+            f"method {method.name!r} runs on {', '.join(method.devices)}; got {execution.device!r}", field="device"
+        )
+    if not isinstance(samples, SampleBuffer):
+        raise SampleError(f"expected a fewrays.SampleBuffer, got {type(samples).__name__}", field="samples")
+    result = method.run(samples, options, dataclasses.replace(execution, device=device))
+    assert result.image.dtype == np.float32
+    assert result.image.shape == (samples.height, samples.width, 3)
+    return result

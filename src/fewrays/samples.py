@@ -1,0 +1,257 @@
+"""`SampleBuffer`: the samples that a renderer traced, and the lens they were traced through.
+
+Every source produces one, every method takes one. It validates itself once, on construction, so that the
+methods behind it can trust every number.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from fewrays.errors import SampleError
+from fewrays.lens import Lens
+
+__all__ = ["MAX_IMAGE_SIZE", "MAX_SAMPLES", "OFF_IMAGE", "SampleBuffer"]
+
+Float32 = npt.NDArray[np.float32]
+
+MAX_IMAGE_SIZE = 65_536
+"""Largest width and height in pixels that fewrays accepts."""
+
+MAX_SAMPLES = 2**31
+"""Largest number of samples in one buffer."""
+
+OFF_IMAGE = -(2.0**20)
+"""Image coordinate where dropped samples are parked: far outside every image, so that nothing gathers them."""
+
+_LENS_TOLERANCE = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class SampleBuffer:
+    """Samples of a light field, ``S`` per pixel.
+
+    Arrays are converted to C-contiguous float32 and are not copied when they already are. A sample belongs
+    to the pixel that ``xy`` lies in, whatever its place in the arrays; keeping each sample in its own pixel's
+    place makes every method faster. Positions outside the image are legal: they serve as a guard band.
+
+    Parameters
+    ----------
+    xy : array_like, (H, W, S, 2)
+        Image positions in pixels; pixel (row i, column j) covers ``[j, j+1) x [i, i+1)``, y points down.
+    uv : array_like, (H, W, S, 2)
+        Lens positions in ``[-1, 1]²``; the rim of the lens is at radius 1.
+    depth : array_like, (H, W, S)
+        Planar camera-space depth, positive and finite. Give the background a large finite depth.
+    color : array_like, (H, W, S, 3)
+        Linear scene-referred RGB radiance; not clamped.
+    lens : Lens
+        The lens that the samples were traced through.
+    time : array_like, (H, W, S), optional
+        Time in ``[0, 1]`` over the shutter interval.
+    motion : array_like, (H, W, S, 3), optional
+        Change over the whole shutter of the homogeneous screen position ``(x w, y w, w)``, ``w`` = depth,
+        seen from the lens centre, in pixels times depth units. Needs `time`.
+    nan : {"reject", "drop"}
+        What to do with samples that hold a NaN or an infinity: raise, or drop them with a warning.
+
+    Raises
+    ------
+    SampleError
+        Naming the field, the index and the value of the first thing that is wrong.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> rng = np.random.default_rng(1)
+    >>> pixels = np.stack(np.meshgrid(np.arange(4), np.arange(3)), axis=-1)[:, :, None, :]
+    >>> samples = SampleBuffer(
+    ...     xy=pixels + rng.random((3, 4, 8, 2)),
+    ...     uv=rng.uniform(-1, 1, (3, 4, 8, 2)),
+    ...     depth=np.full((3, 4, 8), 5.0),
+    ...     color=np.ones((3, 4, 8, 3)),
+    ...     lens=Lens(-10.0, 2.0, sampling="square"),
+    ... )
+    >>> samples
+    SampleBuffer(4 x 3 pixels, 8 spp, lens=Lens(c0=-10.0, c1=2.0, ...), still)
+    """
+
+    xy: Float32
+    uv: Float32
+    depth: Float32
+    color: Float32
+    lens: Lens
+    time: Float32 | None = None
+    motion: Float32 | None = None
+    nan: Literal["reject", "drop"] = "reject"
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.lens, Lens):
+            raise SampleError(f"expected a fewrays.Lens, got {type(self.lens).__name__}", field="lens")
+        if self.nan not in ("reject", "drop"):
+            raise SampleError(f"expected 'reject' or 'drop', got {self.nan!r}", field="nan")
+        if self.motion is not None and self.time is None:
+            raise SampleError("motion needs the samples' times: give time as well", field="motion")
+
+        arrays = {name: _as_float32(name, getattr(self, name)) for name in self.field_names()}
+        _check_shapes(arrays)
+        arrays = _check_finite(arrays, drop=self.nan == "drop")
+        _check_values(arrays, self.lens)
+        for name, array in arrays.items():
+            object.__setattr__(self, name, array)
+
+    def field_names(self) -> tuple[str, ...]:
+        """Names of the arrays that this buffer holds."""
+        optional = [name for name in ("time", "motion") if getattr(self, name) is not None]
+        return ("xy", "uv", "depth", "color", *optional)
+
+    @property
+    def height(self) -> int:
+        """Image height in pixels."""
+        return int(self.depth.shape[0])
+
+    @property
+    def width(self) -> int:
+        """Image width in pixels."""
+        return int(self.depth.shape[1])
+
+    @property
+    def spp(self) -> int:
+        """Samples per pixel."""
+        return int(self.depth.shape[2])
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that the arrays take."""
+        return sum(getattr(self, name).nbytes for name in self.field_names())
+
+    def slope(self) -> Float32:
+        """Signed circle-of-confusion radius of every sample, ``(H, W, S)`` in pixels."""
+        return self.lens.slope(self.depth).astype(np.float32, copy=False)
+
+    def with_lens(self, lens: Lens) -> SampleBuffer:
+        """Return the same samples seen through another lens, for refocusing; the arrays are shared."""
+        return replace(self, lens=lens)
+
+    def __repr__(self) -> str:
+        return (
+            f"SampleBuffer({self.width} x {self.height} pixels, {self.spp} spp, "
+            f"lens=Lens(c0={self.lens.c0:.6}, c1={self.lens.c1:.6}, ...), "
+            f"{'still' if self.motion is None else 'moving'})"
+        )
+
+
+_CHANNELS = {"xy": 2, "uv": 2, "depth": None, "color": 3, "time": None, "motion": 3}
+
+
+def _as_float32(name: str, value: npt.ArrayLike) -> Float32:
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiub":
+        raise SampleError(f"expected real numbers, got dtype {array.dtype}", field=name)
+    with np.errstate(over="ignore"):  # what overflows becomes infinite and is reported as such
+        return np.ascontiguousarray(array, dtype=np.float32)
+
+
+def _check_shapes(arrays: dict[str, Float32]) -> None:
+    depth = arrays["depth"]
+    if depth.ndim != 3:
+        raise SampleError(f"expected shape (H, W, S), got {depth.shape}", field="depth")
+    height, width, spp = depth.shape
+    if min(depth.shape) < 1:
+        raise SampleError(f"expected at least one pixel and one sample, got shape {depth.shape}", field="depth")
+    if max(height, width) > MAX_IMAGE_SIZE or depth.size > MAX_SAMPLES:
+        raise SampleError(
+            f"{width} x {height} pixels with {spp} spp is over the cap of {MAX_IMAGE_SIZE} pixels a side and "
+            f"{MAX_SAMPLES} samples; reconstruct it in parts",
+            field="depth",
+        )
+    for name, array in arrays.items():
+        channels = _CHANNELS[name]
+        expected = depth.shape if channels is None else (*depth.shape, channels)
+        if array.shape != expected:
+            raise SampleError(
+                f"expected shape {expected} to go with depth's {depth.shape}, got {array.shape}", field=name
+            )
+
+
+def _check_finite(arrays: dict[str, Float32], *, drop: bool) -> dict[str, Float32]:
+    """Reject samples with NaN or infinities, or park them off the image."""
+    bad = np.zeros(arrays["depth"].shape, bool)
+    for name, array in arrays.items():
+        # The sum is finite when every value is, unless it overflows; only then look at each value.
+        if np.isfinite(array.sum(dtype=np.float64)):
+            continue
+        finite = np.isfinite(array)
+        if finite.all():
+            continue
+        if not drop:
+            index = _first(~finite)
+            raise SampleError(
+                f"{finite.size - int(finite.sum())} of {finite.size} values are NaN or infinite, the first at "
+                f"{list(index)}: {array[index]}; mend the renderer's output or pass nan='drop'",
+                field=name,
+            )
+        bad |= ~(finite if finite.ndim == 3 else finite.all(axis=-1))
+    if not bad.any():
+        return arrays
+    warnings.warn(f"dropped {int(bad.sum())} of {bad.size} samples that hold NaN or infinity", stacklevel=5)
+    dropped = {"xy": OFF_IMAGE, "depth": 1.0}
+    cleaned = {}
+    for name, array in arrays.items():
+        cleaned[name] = array.copy()
+        cleaned[name][bad] = dropped.get(name, 0.0)
+    return cleaned
+
+
+def _check_values(arrays: dict[str, Float32], lens: Lens) -> None:
+    _check_range("depth", arrays["depth"], lambda d: d > 0, "depth must be positive")
+    _check_range(
+        "uv",
+        arrays["uv"],
+        lambda uv: np.abs(uv) <= 1 + _LENS_TOLERANCE,
+        "lens positions lie in [-1, 1]: divide by the lens radius",
+    )
+    if lens.sampling == "disc":
+        rim = (1 + _LENS_TOLERANCE) ** 2
+        _check_range(
+            "uv",
+            arrays["uv"],
+            lambda uv: np.square(uv[..., 0]) + np.square(uv[..., 1]) <= rim,
+            "lies outside the unit disc although lens.sampling is 'disc'; is it 'square' or 'gaussian'?",
+        )
+    if "time" in arrays:
+        _check_range(
+            "time", arrays["time"], lambda t: (t >= 0) & (t <= 1), "times lie in [0, 1] over the shutter"
+        )
+    with np.errstate(over="ignore"):
+        slope = lens.slope(arrays["depth"])
+    _check_range(
+        "depth", slope, np.isfinite, "its slope c0 / depth + c1 overflows: the depth is too small", arrays["depth"]
+    )
+
+
+def _check_range(
+    name: str,
+    array: npt.NDArray[np.floating],
+    accept: Callable[[npt.NDArray[np.floating]], npt.NDArray[np.bool_]],
+    hint: str,
+    shown: Float32 | None = None,
+) -> None:
+    """Raise unless `accept` holds for all of `array`, naming the first exception and how many there are."""
+    good = accept(array)
+    if good.all():
+        return
+    index = _first(~good)
+    value = (array if shown is None else shown)[index]
+    count = good.size - int(good.sum())
+    raise SampleError(f"value {value} at {list(index)} ({count} such): {hint}", field=name)
+
+
+def _first(mask: npt.NDArray[np.bool_]) -> tuple[int, ...]:
+    return tuple(int(i) for i in np.unravel_index(int(np.argmax(mask)), mask.shape))
