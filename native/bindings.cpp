@@ -96,6 +96,7 @@ NB_MODULE(_native, m) {
         [](const Samples& samples, int block, float margin, int first, int last, Array<float, -1, -1, 4> extents) {
             block_extents(samples, block, margin, first, last, reinterpret_cast<Extent*>(extents.data()));
         },
+        "samples"_a, "block"_a, "margin"_a, "first"_a, "last"_a, "extents"_a,
         nb::call_guard<nb::gil_scoped_release>());
 
     nb::class_<LayeredPlan>(m, "LayeredPlan")
@@ -115,7 +116,8 @@ NB_MODULE(_native, m) {
                                        slot_of_partition.data(),
                                        rule};
             },
-            nb::keep_alive<1, 7>(), nb::keep_alive<1, 8>());
+            nb::keep_alive<1, 7>(), nb::keep_alive<1, 8>(), "tile"_a, "ring"_a, "max_layers"_a, "bins_per_pixel"_a,
+            "first_bin"_a, "partition_of_bin"_a, "slot_of_partition"_a, "rule"_a);
 
     m.def(
         "layered_tiles",

@@ -101,6 +101,7 @@ FEWRAYS_HD inline LayerFilter layer_filter(double c_min, double c_max, const Fil
 FEWRAYS_HD inline double exponent_of_variance(double variance, int ring) {
     if (variance >= ring * (ring + 1) / 3.0) return 0.0;  // even a box is not wide enough
     double t = 1 / (2 * variance);
+    if (variance <= 0.5) t = std::fmin(t, std::log(2 / variance));
     for (int step = 0; step < 12; ++step) {
         double sum = 0.5, second = 0, fourth = 0;  // of one half of the kernel
         for (int d = 1; d <= ring; ++d) {
@@ -121,12 +122,12 @@ FEWRAYS_HD inline double exponent_of_variance(double variance, int ring) {
 
 // Normalised taps at distances 0 … ring of the screen-space kernel.
 FEWRAYS_HD inline void screen_taps(double variance, int ring, bool exact, float* taps) {
-    double t = variance > 0 ? 1 / (2 * variance) : 0;
-    if (variance > 0 && exact) t = exponent_of_variance(variance, ring);
+    const bool point = variance < 1e-9;
+    const double t = exact && !point ? exponent_of_variance(variance, ring) : 1 / (2 * variance);
     double sum = 1;
-    for (int d = 1; d <= ring; ++d) sum += 2 * (variance > 0 ? std::exp(-t * d * d) : 0.0);
+    for (int d = 1; d <= ring; ++d) sum += 2 * (point ? 0.0 : std::exp(-t * d * d));
     taps[0] = float(1 / sum);
-    for (int d = 1; d <= ring; ++d) taps[d] = variance > 0 ? float(std::exp(-t * d * d) / sum) : 0.0f;
+    for (int d = 1; d <= ring; ++d) taps[d] = point ? 0.0f : float(std::exp(-t * d * d) / sum);
 }
 
 }  // namespace fewrays

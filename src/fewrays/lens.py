@@ -53,7 +53,8 @@ class Lens:
     Raises
     ------
     SampleError
-        For coefficients that are not finite, ``c0 > 0``, an unknown aperture or sampling, or ``sigma <= 0``.
+        For coefficients that are not finite, ``c0 > 0``, an unknown aperture or sampling, or a `sigma` outside
+        0.01 to 100.
 
     Examples
     --------
@@ -84,8 +85,11 @@ class Lens:
                 "c0 is at most 0 (negate u, v and both coefficients if your renderer mirrors the lens)",
                 field="lens.c0",
             )
-        if self.sigma <= 0:
-            raise SampleError(f"expected a positive number, got {self.sigma:g}", field="lens.sigma")
+        if not _SIGMA_RANGE[0] <= self.sigma <= _SIGMA_RANGE[1]:
+            raise SampleError(
+                f"expected a number from {_SIGMA_RANGE[0]} to {_SIGMA_RANGE[1]:g} lens radii, got {self.sigma:g}",
+                field="lens.sigma",
+            )
         for name, choices in (("aperture", get_args(Aperture)), ("sampling", get_args(Sampling))):
             value = getattr(self, name)
             if value not in choices:
@@ -201,7 +205,8 @@ class Lens:
         """
         depth = np.asarray(depth)
         dtype = np.float32 if depth.dtype == np.float32 else np.float64
-        result: npt.NDArray[np.floating] = dtype(self.c0) / depth.astype(dtype, copy=False) + dtype(self.c1)
+        coefficients = np.array([self.c0, self.c1], dtype)
+        result: npt.NDArray[np.floating] = coefficients[0] / depth.astype(dtype, copy=False) + coefficients[1]
         return result
 
     def refocus(self, focus_distance: float | None = None, aperture_scale: float = 1.0) -> Lens:
@@ -271,6 +276,7 @@ class Lens:
         return np.full_like(r2, 1 / math.pi if shape == "disc" else 0.25)
 
 
+_SIGMA_RANGE = (0.01, 100.0)
 _RIM = 1e-5  # positions this far beyond the rim still count as on the lens
 
 

@@ -79,12 +79,15 @@ def map_ranges(
         with ThreadPoolExecutor(threads, thread_name_prefix="fewrays") as pool:
             futures = []
             for first, last in ranges:
-                future = pool.submit(kernel, first, last)
-                future.add_done_callback(lambda _, n=last - first: bar.update(n))
-                futures.append(future)
+                futures.append(pool.submit(_run_and_report, kernel, first, last, bar))
             try:
                 done, _ = wait(futures, return_when=FIRST_EXCEPTION)
                 for future in done:
                     future.result()
             finally:
                 pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _run_and_report(kernel: Callable[[int, int], None], first: int, last: int, bar: tqdm) -> None:
+    kernel(first, last)
+    bar.update(last - first)

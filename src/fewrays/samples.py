@@ -33,7 +33,7 @@ OFF_IMAGE = -(2.0**20)
 _LENS_TOLERANCE = 1e-4
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class SampleBuffer:
     """Samples of a light field, ``S`` per pixel.
 
@@ -89,22 +89,34 @@ class SampleBuffer:
     lens: Lens
     time: Float32 | None = None
     motion: Float32 | None = None
-    nan: Literal["reject", "drop"] = "reject"
 
-    def __post_init__(self) -> None:
-        if not isinstance(self.lens, Lens):
-            raise SampleError(f"expected a fewrays.Lens, got {type(self.lens).__name__}", field="lens")
-        if self.nan not in ("reject", "drop"):
-            raise SampleError(f"expected 'reject' or 'drop', got {self.nan!r}", field="nan")
-        if self.motion is not None and self.time is None:
+    def __init__(
+        self,
+        xy: npt.ArrayLike,
+        uv: npt.ArrayLike,
+        depth: npt.ArrayLike,
+        color: npt.ArrayLike,
+        lens: Lens,
+        time: npt.ArrayLike | None = None,
+        motion: npt.ArrayLike | None = None,
+        *,
+        nan: Literal["reject", "drop"] = "reject",
+    ) -> None:
+        if not isinstance(lens, Lens):
+            raise SampleError(f"expected a fewrays.Lens, got {type(lens).__name__}", field="lens")
+        if nan not in ("reject", "drop"):
+            raise SampleError(f"expected 'reject' or 'drop', got {nan!r}", field="nan")
+        if motion is not None and time is None:
             raise SampleError("motion needs the samples' times: give time as well", field="motion")
 
-        arrays = {name: _as_float32(name, getattr(self, name)) for name in self.field_names()}
+        given = {"xy": xy, "uv": uv, "depth": depth, "color": color, "time": time, "motion": motion}
+        arrays = {name: _as_float32(name, value) for name, value in given.items() if value is not None}
         _check_shapes(arrays)
-        arrays = _check_finite(arrays, drop=self.nan == "drop")
-        _check_values(arrays, self.lens)
-        for name, array in arrays.items():
-            object.__setattr__(self, name, array)
+        arrays = _check_finite(arrays, drop=nan == "drop")
+        _check_values(arrays, lens)
+        object.__setattr__(self, "lens", lens)
+        for name in given:
+            object.__setattr__(self, name, arrays.get(name))
 
     def field_names(self) -> tuple[str, ...]:
         """Names of the arrays that this buffer holds."""
@@ -184,9 +196,10 @@ def _check_finite(arrays: dict[str, Float32], *, drop: bool) -> dict[str, Float3
     """Reject samples with NaN or infinities, or park them off the image."""
     bad = np.zeros(arrays["depth"].shape, bool)
     for name, array in arrays.items():
-        # The sum is finite when every value is, unless it overflows; only then look at each value.
-        if np.isfinite(array.sum(dtype=np.float64)):
-            continue
+        # A finite sum shows at once that every value is.
+        with np.errstate(invalid="ignore"):
+            if np.isfinite(array.sum(dtype=np.float64)):
+                continue
         finite = np.isfinite(array)
         if finite.all():
             continue
@@ -200,7 +213,7 @@ def _check_finite(arrays: dict[str, Float32], *, drop: bool) -> dict[str, Float3
         bad |= ~(finite if finite.ndim == 3 else finite.all(axis=-1))
     if not bad.any():
         return arrays
-    warnings.warn(f"dropped {int(bad.sum())} of {bad.size} samples that hold NaN or infinity", stacklevel=5)
+    warnings.warn(f"dropped {int(bad.sum())} of {bad.size} samples that hold NaN or infinity", stacklevel=4)
     dropped = {"xy": OFF_IMAGE, "depth": 1.0}
     cleaned = {}
     for name, array in arrays.items():

@@ -231,23 +231,22 @@ def screen_taps(variance: float, ring: int, *, exact: bool) -> Float64:
     """
     distance2 = np.arange(ring + 1, dtype=np.float64) ** 2
     twice = np.where(distance2 > 0, 2.0, 1.0)
-    t = 1 / (2 * variance) if variance > 0 else math.inf
-    if exact and variance > 0:
-        t = _exponent_of_variance(variance, distance2, twice)
-    with np.errstate(invalid="ignore"):
-        taps = np.where(distance2 > 0, np.exp(-t * distance2), 1.0)
+    if variance < _POINT_VARIANCE:
+        return np.where(distance2 > 0, 0.0, 1.0)
+    t = _exponent_of_variance(variance, distance2, twice) if exact else 1 / (2 * variance)
+    taps = np.exp(-t * distance2)
     return np.asarray(taps / (taps * twice).sum())
 
 
 def _exponent_of_variance(variance: float, distance2: Float64, twice: Float64) -> float:
     """Find t for which taps exp(-t d²) have the given variance, by Newton's method on its reciprocal.
 
-    The reciprocal variance is convex and increasing in t, nearly linear for wide kernels and exponential for
-    narrow ones, so Newton's method from any side lands above the root and then descends to it.
+    The reciprocal variance is convex and increasing in t: nearly 2 t for wide kernels, and for narrow ones,
+    of three taps, exactly 1 + exp(t) / 2. One of the two roots starts close to the truth.
     """
     if variance >= float((twice * distance2).sum() / twice.sum()):
         return 0.0
-    t = 1 / (2 * variance)
+    t = 1 / (2 * variance) if variance > 0.5 else min(1 / (2 * variance), math.log(2 / variance))
     for _ in range(_NEWTON_STEPS):
         taps = twice * np.exp(-t * distance2)
         total = taps.sum()
@@ -259,3 +258,4 @@ def _exponent_of_variance(variance: float, distance2: Float64, twice: Float64) -
 
 
 _NEWTON_STEPS = 12
+_POINT_VARIANCE = 1e-9  # pixels²; a kernel this narrow is a single tap

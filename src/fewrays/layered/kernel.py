@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fewrays import _native
+from fewrays.layered.filters import FilterRule
 from fewrays.layered.plan import Plan
 from fewrays.parallel import Execution, map_ranges
 from fewrays.samples import SampleBuffer
@@ -33,14 +34,14 @@ def reconstruct_tiles(
         label="sorting",
     )
     native_plan = _native.LayeredPlan(
-        plan.tile,
-        plan.ring,
-        plan.max_layers or 0,
-        1 / plan.partitions.bin_size,
-        plan.partitions.first_bin,
-        plan.partitions.table,
-        plan.slots,
-        native_rule(plan),
+        tile=plan.tile,
+        ring=plan.ring,
+        max_layers=plan.max_layers or 0,
+        bins_per_pixel=1 / plan.partitions.bin_size,
+        first_bin=plan.partitions.first_bin,
+        partition_of_bin=plan.partitions.table,
+        slot_of_partition=plan.slots,
+        rule=native_rule(plan.rule),
     )
     map_ranges(
         lambda first, last: _native.layered_tiles(
@@ -52,9 +53,8 @@ def reconstruct_tiles(
     )
 
 
-def native_rule(plan: Plan) -> _native.FilterRule:
+def native_rule(rule: FilterRule) -> _native.FilterRule:
     """Hand a filter rule to the native side, field by field."""
-    rule = plan.rule
     return _native.FilterRule(
         family=_native.FilterFamily(("paper", "matched", "axis-aligned").index(rule.family)),
         sigma_pix=rule.sigma_pix,

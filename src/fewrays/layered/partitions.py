@@ -70,7 +70,8 @@ class Partitions:
     def of_slope(self, slope: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
         """Partition of each slope (float32, in pixels): an array of its shape, smaller numbers in front."""
         # In float32 as in the native kernel, so that both put a sample into the same partition.
-        bins = np.floor(slope * np.float32(1 / self.bin_size))
+        with np.errstate(over="ignore"):
+            bins = np.floor(slope * np.float32(1 / self.bin_size))
         index = np.clip(bins - self.first_bin, 0, len(self.table) - 1).astype(np.int64)
         result: npt.NDArray[np.uint8] = self.table[index]
         return result

@@ -111,7 +111,8 @@ def filter_layer(
     bins = (q[:, 1] * size + q[:, 0])[inside]
 
     def accumulate(values: Float64) -> Float64:
-        return np.bincount(bins, values[inside], minlength=size * size).reshape(size, size)
+        sums = np.bincount(bins, values[inside], minlength=size * size)
+        return sums.astype(np.float64).reshape(size, size)
 
     taps = screen_taps(layer_filter.variance, plan.ring, exact=plan.rule.family != "paper")
     blur = _blur_matrix(taps, plan.tile)

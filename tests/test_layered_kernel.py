@@ -1,0 +1,177 @@
+"""The native kernel against the reference, and what must not change its result."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from agreement import assert_agree
+from buffers import random_buffer
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fewrays import Lens, SampleBuffer, SampleError, reconstruct
+from fewrays.lens import Aperture, Sampling
+from fewrays.samples import OFF_IMAGE
+
+LENS = Lens(-40.0, 8.0, aperture="gaussian", sampling="square")
+
+
+@pytest.mark.parametrize("method", ["layered", "layered-axis-aligned"])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"tile": 24, "ring": 10, "max_sigma_x": 5.0},
+        {"max_layers": 2},
+        {"partitions": 3, "bin_size": 1.0},
+        {"sigma_pix": 1.2},
+    ],
+    ids=lambda options: ",".join(options) or "defaults",
+)
+def test_kernel_equals_reference(method: str, options: dict[str, Any]) -> None:
+    samples = random_buffer(45, 70, 4, LENS, off_image=0.05)
+    expected, expected_aovs = reconstruct(samples, method, device="reference", aovs=True, **options)
+    actual, actual_aovs = reconstruct(samples, method, device="cpu", aovs=True, **options)
+    assert_agree(actual, expected, tolerance=1e-4, flips=0.002, jump=0.2)
+    for name, aov in expected_aovs.items():
+        assert_agree(actual_aovs[name], aov, tolerance=1e-4, flips=0.002, jump=0.2)
+
+
+@settings(max_examples=40)
+@given(
+    height=st.integers(1, 40),
+    width=st.integers(1, 40),
+    spp=st.integers(1, 6),
+    aperture=st.sampled_from(["disc", "gaussian"]),
+    sampling=st.sampled_from(["disc", "square", "gaussian"]),
+    blur=st.sampled_from([0.0, 0.3, 2.0, 20.0, 300.0]),
+    sigma=st.floats(0.2, 0.5),
+    screen_filter=st.sampled_from(["matched", "paper"]),
+    off_image=st.sampled_from([0.0, 0.3]),
+    seed=st.integers(0, 1000),
+)
+def test_kernel_equals_reference_on_any_buffer(
+    height: int,
+    width: int,
+    spp: int,
+    aperture: Aperture,
+    sampling: Sampling,
+    blur: float,
+    sigma: float,
+    screen_filter: str,
+    off_image: float,
+    seed: int,
+) -> None:
+    lens = Lens(-5 * blur, blur, aperture, sampling, sigma)
+    samples = random_buffer(height, width, spp, lens, seed=seed, off_image=off_image)
+    expected = reconstruct(samples, device="reference", screen_filter=screen_filter)
+    actual = reconstruct(samples, device="cpu", screen_filter=screen_filter)
+    # A sample whose scattered position rounds to the other side of a pixel's edge moves by a pixel; one such
+    # sample may be seen by every pixel of a tiny image, so the share is bounded on large buffers above.
+    assert_agree(actual, expected, tolerance=1e-4, flips=0.01 if height * width > 600 else 1.0, jump=0.5)
+    assert np.median(np.abs(actual - expected)) <= 1e-5 * max(1.0, float(np.abs(expected).max()))
+
+
+def test_threads_do_not_change_a_bit() -> None:
+    samples = random_buffer(100, 150, 3, LENS)
+    images = [reconstruct(samples, threads=threads) for threads in (1, 2, 5)]
+    np.testing.assert_array_equal(images[0], images[1])
+    np.testing.assert_array_equal(images[0], images[2])
+
+
+def _shuffled(samples: SampleBuffer, *, across_pixels: bool) -> SampleBuffer:
+    rng = np.random.default_rng(5)
+    shape = samples.depth.shape
+    if across_pixels:
+        order = rng.permutation(samples.depth.size)
+    else:
+        within = rng.permuted(np.broadcast_to(np.arange(shape[2]), shape), axis=2)
+        order = (np.arange(shape[0] * shape[1]).reshape(*shape[:2], 1) * shape[2] + within).ravel()
+    arrays = {
+        name: getattr(samples, name).reshape(len(order), -1)[order].reshape(getattr(samples, name).shape)
+        for name in samples.field_names()
+    }
+    return SampleBuffer(**arrays, lens=samples.lens)
+
+
+@pytest.mark.parametrize("across_pixels", [False, True], ids=["inside a pixel", "across pixels"])
+def test_order_of_samples_does_not_matter(across_pixels: bool) -> None:
+    samples = random_buffer(50, 60, 4, LENS)
+    shuffled = _shuffled(samples, across_pixels=across_pixels)
+    assert not np.array_equal(shuffled.depth, samples.depth)
+    assert_agree(reconstruct(shuffled), reconstruct(samples), tolerance=2e-5)
+
+
+def test_dropped_samples_leave_no_trace() -> None:
+    samples = random_buffer(40, 40, 4, LENS)
+    color = samples.color.copy()
+    color[::3, ::2, 1] = np.nan
+    with pytest.warns(UserWarning, match="dropped"):
+        dropped = replace(samples, color=color, nan="drop")
+    xy = samples.xy.copy()
+    xy[::3, ::2, 1] = OFF_IMAGE
+    np.testing.assert_array_equal(reconstruct(dropped), reconstruct(replace(samples, xy=xy)))
+
+
+def test_guard_band_is_used() -> None:
+    """Samples outside the image reach it, and an image with a guard band equals the crop of a larger one."""
+    lens = replace(LENS, c1=LENS.c1 / 4, c0=LENS.c0 / 4)
+    large = random_buffer(96, 96, 4, lens)
+    cropped = SampleBuffer(large.xy - 32, large.uv, large.depth, large.color, lens)
+    inner = reconstruct(large)[32:64, 32:64]
+    assert_agree(reconstruct(cropped)[:32, :32], inner, tolerance=1e-5)
+
+    inside_only = SampleBuffer(*(a[32:64, 32:64] for a in (cropped.xy, large.uv, large.depth, large.color)), lens)
+    assert np.abs(reconstruct(inside_only) - inner).max() > 1e-3
+
+
+def test_layers_composite_to_the_image() -> None:
+    """Eq. 35 over the per-layer outputs gives the image."""
+    samples = random_buffer(40, 50, 4, LENS)
+    image, aovs = reconstruct(samples, aovs=True)
+    assert aovs["layer_radiance"].shape == (40, 50, aovs["layer_opacity"].shape[2], 3)
+    assert aovs["layer_count"].shape == (40, 50)
+    assert aovs["layer_count"].max() <= aovs["layer_opacity"].shape[2]
+    transmittance = np.ones((40, 50))
+    radiance = np.zeros((40, 50, 3))
+    for layer in range(aovs["layer_opacity"].shape[2]):
+        radiance += transmittance[..., None] * aovs["layer_radiance"][:, :, layer]
+        transmittance *= 1 - aovs["layer_opacity"][:, :, layer]
+    assert_agree(image, radiance / (1 - transmittance)[..., None], tolerance=1e-5)
+
+
+@pytest.mark.parametrize("limit", [1, 2, 4])
+def test_number_of_layers_is_limited(limit: int) -> None:
+    _, aovs = reconstruct(random_buffer(40, 40, 4, LENS, surfaces=12), aovs=True, max_layers=limit)
+    assert aovs["layer_count"].max() == limit
+
+
+def test_image_without_samples_is_black() -> None:
+    samples = random_buffer(8, 8, 2, LENS)
+    nowhere = replace(samples, xy=np.full_like(samples.xy, OFF_IMAGE))
+    for device in ("cpu", "reference"):
+        np.testing.assert_array_equal(reconstruct(nowhere, device=device), np.zeros((8, 8, 3), np.float32))
+
+
+@pytest.mark.parametrize(
+    ("options", "field"),
+    [
+        ({"sigma_pix": 0.0}, "sigma_pix"),
+        ({"tile": 2}, "tile"),
+        ({"max_sigma_x": 9.0}, "max_sigma_x"),
+        ({"max_layers": 0}, "max_layers"),
+        ({"partitions": 0}, "partitions"),
+        ({"screen_filter": "wide"}, "screen_filter"),
+        ({"no_such": 1}, "no_such"),
+        ({"device": "abacus"}, "device"),
+        ({"threads": 0}, "threads"),
+        ({"method": "magic"}, "method"),
+    ],
+)
+def test_bad_options_are_named(options: dict[str, Any], field: str) -> None:
+    with pytest.raises(SampleError) as caught:
+        reconstruct(random_buffer(4, 4, 1, LENS), **options)
+    assert caught.value.field == field

@@ -1,0 +1,152 @@
+"""The layered method against images that are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fewrays import Lens, reconstruct
+from fewrays.lens import Aperture, Sampling
+from fewrays.method import Image
+from fewrays.metrics import psnr_display
+from fewrays.sources.analytic import (
+    Plane,
+    Waves,
+    constant,
+    disc,
+    exact_waves,
+    reference,
+    sample,
+    smooth_noise,
+)
+
+SIZE = 96
+BORDER = 24  # no samples lie outside the image, so its edge is no test of an unbounded plane
+
+
+def depth_of_slope(lens: Lens, slope: float) -> float:
+    return lens.c0 / (slope - lens.c1)
+
+
+def lens_with(aperture: Aperture = "gaussian", sampling: Sampling = "square") -> Lens:
+    return Lens(-500.0, 100.0, aperture, sampling)
+
+
+@pytest.mark.parametrize("method", ["layered", "layered-axis-aligned"])
+@pytest.mark.parametrize("device", ["cpu", "reference"])
+def test_constant_image_stays_constant(method: str, device: str) -> None:
+    """Whatever the depths: every layer has the same radiance, and missing opacity is made up for."""
+    rng = np.random.default_rng(0)
+    lens = Lens(-50.0, 10.0, "gaussian", "square")
+    samples = sample([Plane(5.0, constant(0.75, 0.5, 2.0))], lens, 40, 50, 2)
+    samples = replace(samples, depth=5.0 * np.exp(rng.normal(0.0, 1.0, samples.depth.shape)))
+    image = reconstruct(samples, method, device=device)
+    np.testing.assert_allclose(image, np.broadcast_to([0.75, 0.5, 2.0], image.shape), rtol=1e-5)
+
+
+@pytest.mark.parametrize("slope", [-30.0, -12.5, -5.0, -2.0, -1.0, 0.0, 0.7, 1.4, 1.6, 3.0, 6.0, 15.0, 60.0])
+@pytest.mark.parametrize("sampling", ["square", "disc", "gaussian"])
+def test_textured_plane_matches_its_exact_blur(slope: float, sampling: Sampling) -> None:
+    lens = lens_with(sampling=sampling)
+    depth = depth_of_slope(lens, slope)
+    texture = smooth_noise(6, seed=3)
+    image = reconstruct(sample([Plane(depth, texture)], lens, SIZE, SIZE, 8))
+    exact = exact_waves(texture, depth, lens, SIZE, SIZE)
+    inner = slice(BORDER, -BORDER)
+    assert psnr_display(image[inner, inner], exact[inner, inner]) > 46.0
+
+
+@pytest.mark.parametrize("slope", [-20.0, -4.0, 3.0, 25.0])
+def test_disc_is_blurred_as_the_gaussian_of_equal_second_moment(slope: float) -> None:
+    lens = lens_with("disc", "disc")
+    texture = smooth_noise(6, seed=3)
+    samples = sample([Plane(depth_of_slope(lens, slope), texture)], lens, SIZE, SIZE, 8)
+    variance = 0.5**2 + slope**2 / 4
+    attenuation = np.exp(-2 * np.pi**2 * variance * np.square(texture.frequency).sum(axis=-1))
+    blurred = replace(texture, amplitude=texture.amplitude * attenuation[:, None])
+    centers = np.stack(np.meshgrid(np.arange(SIZE), np.arange(SIZE)), axis=-1) + 0.5
+    inner = slice(BORDER, -BORDER)
+    assert psnr_display(reconstruct(samples)[inner, inner], blurred(centers)[inner, inner]) > 46.0
+
+
+class TestPinhole:
+    lens = lens_with().refocus(aperture_scale=0.0)
+    texture: Waves = smooth_noise(3.0, seed=4)
+
+    def test_equals_the_pixel_filtered_image(self) -> None:
+        image = reconstruct(sample([Plane(2.0, self.texture)], self.lens, SIZE, SIZE, 16))
+        exact = exact_waves(self.texture, 2.0, self.lens, SIZE, SIZE)
+        inner = slice(BORDER, -BORDER)
+        assert psnr_display(image[inner, inner], exact[inner, inner]) > 44.0
+
+    def test_does_not_depend_on_lens_positions(self) -> None:
+        samples = sample([Plane(2.0, self.texture)], self.lens, 40, 40, 4)
+        elsewhere = replace(samples, uv=-0.5 * samples.uv)
+        np.testing.assert_array_equal(reconstruct(samples), reconstruct(elsewhere))
+
+    def test_filters_the_samples_at_hand(self) -> None:
+        """The image is the mean over pixel-sized bins, blurred to the pixel filter's variance: nothing else."""
+        samples = sample([Plane(2.0, self.texture)], self.lens, 40, 40, 4)
+        means = samples.color.astype(np.float64).mean(axis=2)
+        outer = 1 / 12  # taps (outer, 1 - 2 outer, outer) have the variance 2 outer = 1/4 - 1/12
+        padded = np.pad(means, ((1, 1), (1, 1), (0, 0)))
+        weight = np.pad(np.ones(means.shape[:2]), 1)[..., None]
+        for axis in (0, 1):
+            padded, weight = (
+                (1 - 2 * outer) * a + outer * (np.roll(a, 1, axis) + np.roll(a, -1, axis)) for a in (padded, weight)
+            )
+        expected = (padded / np.maximum(weight, 1e-9))[1:-1, 1:-1]
+        np.testing.assert_allclose(reconstruct(samples), expected, atol=2e-3)
+
+
+class TestTwoDiscs:
+    """The paper's Figures 6 to 8: a disc in front of another, both out of focus, on black.
+
+    At the discs' edges they are seen from exclusive parts of the lens. Average opacities take away from the
+    disc behind although nothing covers it there (Eq. 36 and 37).
+    """
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def images(cls) -> dict[str, Image]:
+        lens = lens_with()
+        front = Plane(depth_of_slope(lens, -24.0), constant(1.0, 0.0, 0.0), disc((48, 48), 14))
+        back = Plane(depth_of_slope(lens, 24.0), constant(0.0, 1.0, 0.0), disc((48, 48), 14))
+        black = Plane(depth_of_slope(lens, 30.0), constant(0.0))
+        alone = [reference([plane, black], lens, SIZE, SIZE, spp=1024) for plane in (front, back)]
+        return {
+            "layered": reconstruct(sample([front, back, black], lens, SIZE, SIZE, 16)),
+            "truth": reference([front, back, black], lens, SIZE, SIZE, spp=1024),
+            # Eq. 37, from each disc's own exact image.
+            "predicted": alone[0] + (1 - alone[0][..., :1]) * alone[1],
+        }
+
+    def test_front_disc_is_right(self, images: dict[str, Image]) -> None:
+        assert np.abs(images["layered"] - images["truth"])[..., 0].max() < 0.03
+
+    def test_occlusion_is_over_estimated_at_the_edge(self, images: dict[str, Image]) -> None:
+        """Where the discs are seen from exclusive parts of the lens, the one behind loses light."""
+        ring = np.zeros((SIZE, SIZE), bool)
+        radius = np.hypot(*(np.indices((SIZE, SIZE)) + 0.5 - 48))
+        ring[(radius > 12) & (radius < 20)] = True
+        loss = (images["truth"] - images["layered"])[..., 1][ring]
+        assert loss.min() > -0.02
+        assert loss.max() > 0.04
+
+    def test_back_disc_is_as_predicted(self, images: dict[str, Image]) -> None:
+        assert np.abs(images["layered"] - images["predicted"])[..., 1].max() < 0.04
+
+    def test_nothing_worse(self, images: dict[str, Image]) -> None:
+        """The error is that of averaging the opacity, Eq. 34, and noise of a few percent."""
+        predicted_error = np.abs(images["predicted"] - images["truth"])
+        assert (np.abs(images["layered"] - images["truth"]) < predicted_error + 0.04).all()
+
+
+def test_refocused_lens_reconstructs_its_own_image() -> None:
+    """A lens that was refocused and stopped down is a lens like any other."""
+    planes = [Plane(2.0, smooth_noise(8, seed=1), disc((40, 40), 20)), Plane(6.0, smooth_noise(8, seed=2))]
+    refocused = Lens(-20.0, 4.0, "gaussian", "square").refocus(focus_distance=2.0, aperture_scale=0.5)
+    truth = reference(planes, refocused, 80, 80, spp=512)
+    assert psnr_display(reconstruct(sample(planes, refocused, 80, 80, 8)), truth) > 34.0
