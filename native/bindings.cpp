@@ -73,13 +73,14 @@ NB_MODULE(_native, m) {
         },
         "c_min"_a, "c_max"_a, "rule"_a);
     m.def(
-        "screen_taps",
-        [](double variance, int ring, bool exact) {
-            std::vector<float> taps(static_cast<std::size_t>(ring) + 1);
-            screen_taps(variance, ring, exact, taps.data());
-            return taps;
+        "layer_taps",
+        [](double variance, int ring, FilterFamily family) {
+            const ScreenGrid grid = screen_grid(variance, ring, family);
+            std::vector<float> taps(static_cast<std::size_t>(grid.radius) + 1);
+            layer_taps(variance, grid, family, taps.data());
+            return std::tuple(grid.bins_per_pixel, taps);
         },
-        "variance"_a, "ring"_a, "exact"_a);
+        "variance"_a, "ring"_a, "family"_a);
 
     nb::class_<Samples>(m, "Samples")
         .def(

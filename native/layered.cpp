@@ -74,47 +74,76 @@ int partition_of(float c, const LayeredPlan& plan) {
     return plan.partition_of_bin[floor_to_int(bin) - plan.first_bin];
 }
 
-FEWRAYS_CLONES void blur_rows(const float* FEWRAYS_RESTRICT in, float* FEWRAYS_RESTRICT out,
-                              const float* FEWRAYS_RESTRICT taps, int rows, int in_stride, int out_stride, int ring) {
-    for (int row = 0; row < rows; ++row) {
-        for (int column = 0; column < out_stride; column += columns_at_once) {
-            const float* center = in + row * in_stride + column + ring;
-            float sum[columns_at_once];
-            for (int i = 0; i < columns_at_once; ++i) sum[i] = taps[0] * center[i];
-            for (int d = 1; d <= ring; ++d)
-                for (int i = 0; i < columns_at_once; ++i) sum[i] += taps[d] * (center[i - d] + center[i + d]);
-            for (int i = 0; i < columns_at_once; ++i) out[row * out_stride + column + i] = sum[i];
-        }
+// The window of bins around a tile that one layer's filter reaches. A row of bins is stored phase by phase: first
+// every pixel's first bin, then every pixel's second, …, so that a tap reads neighbouring pixels from neighbouring
+// memory.
+struct BinWindow {
+    int bins_per_pixel, radius;
+    int margin;   // pixels that the kernel reaches beyond the tile
+    int segment;  // floats of one phase of a row: pixels of tile and margins, in memory
+    int rows;     // rows of bins
+    int stride;   // floats from row to row
+    int size;     // floats in all; one more collects what falls outside
+
+    BinWindow(ScreenGrid grid, int tile, int width)
+        : bins_per_pixel(grid.bins_per_pixel),
+          radius(grid.radius),
+          margin((grid.radius + grid.bins_per_pixel / 2) / grid.bins_per_pixel),
+          segment(width + 2 * margin),
+          rows((tile + 2 * margin) * grid.bins_per_pixel),
+          stride(segment * grid.bins_per_pixel),
+          size(rows * stride) {}
+
+    // The bin, in a row or a column, that a pixel's leftmost or topmost tap reads.
+    int first_tap() const { return margin * bins_per_pixel + bins_per_pixel / 2 - radius; }
+};
+
+// out[row][column] = Σ taps[k] in[row * row_step + offsets[k] + column], for `rows_at_once` rows and
+// `columns_at_once` columns: enough independent sums to hide the latency of a multiply-add.
+template <int rows_at_once>
+FEWRAYS_INLINE void blur_patch(const float* FEWRAYS_RESTRICT in, std::ptrdiff_t row_step, float* FEWRAYS_RESTRICT out,
+                               std::ptrdiff_t out_stride, const float* FEWRAYS_RESTRICT taps,
+                               const std::int32_t* FEWRAYS_RESTRICT offsets, int tap_count) {
+    float sum[rows_at_once][columns_at_once] = {};
+    for (int k = 0; k < tap_count; ++k) {
+        const float* source = in + offsets[k];
+        for (int row = 0; row < rows_at_once; ++row)
+            for (int i = 0; i < columns_at_once; ++i) sum[row][i] += taps[k] * source[row * row_step + i];
+    }
+    for (int row = 0; row < rows_at_once; ++row)
+        for (int i = 0; i < columns_at_once; ++i) out[row * out_stride + i] = sum[row][i];
+}
+
+// Blurs along rows or along columns, whichever `offsets` and `row_step` say.
+FEWRAYS_CLONES void blur(const float* FEWRAYS_RESTRICT in, std::ptrdiff_t row_step, float* FEWRAYS_RESTRICT out, int rows,
+                         int columns, const float* FEWRAYS_RESTRICT taps, const std::int32_t* FEWRAYS_RESTRICT offsets,
+                         int tap_count) {
+    for (int column = 0; column < columns; column += columns_at_once) {
+        int row = 0;
+        for (; row + 4 <= rows; row += 4)
+            blur_patch<4>(in + row * row_step + column, row_step, out + row * columns + column, columns, taps, offsets,
+                          tap_count);
+        for (; row < rows; ++row)
+            blur_patch<1>(in + row * row_step + column, row_step, out + row * columns + column, columns, taps, offsets,
+                          tap_count);
     }
 }
 
-FEWRAYS_CLONES void blur_columns(const float* FEWRAYS_RESTRICT in, float* FEWRAYS_RESTRICT out,
-                                 const float* FEWRAYS_RESTRICT taps, int rows, int stride, int ring) {
-    for (int row = 0; row < rows; ++row) {
-        for (int column = 0; column < stride; column += columns_at_once) {
-            const float* center = in + (row + ring) * stride + column;
-            float sum[columns_at_once];
-            for (int i = 0; i < columns_at_once; ++i) sum[i] = taps[0] * center[i];
-            for (int d = 1; d <= ring; ++d)
-                for (int i = 0; i < columns_at_once; ++i)
-                    sum[i] += taps[d] * (center[i - d * stride] + center[i + d * stride]);
-            for (int i = 0; i < columns_at_once; ++i) out[row * stride + column + i] = sum[i];
-        }
-    }
-}
-
-// Bins and weights of `n` samples. Samples that leave the outer tile go to the bin `outside`.
+// Bins and weights of `n` samples, whose positions are relative to the outer tile.
 FEWRAYS_CLONES void bins_and_weights(const float* FEWRAYS_RESTRICT x, const float* FEWRAYS_RESTRICT y,
                                      const float* FEWRAYS_RESTRICT u, const float* FEWRAYS_RESTRICT v, int n,
-                                     float eta, float falloff, int size, int stride, int outside,
+                                     float eta, float falloff, float corner, float side, const BinWindow& window,
                                      std::int32_t* FEWRAYS_RESTRICT bins, float* FEWRAYS_RESTRICT weights) {
-    const float limit = static_cast<float>(size);
+    const auto bins_per_pixel = static_cast<float>(window.bins_per_pixel);
+    const int segment = window.segment, stride = window.stride, size = window.size, per_pixel = window.bins_per_pixel;
     for (int i = 0; i < n; ++i) {
-        const float qx = x[i] - eta * u[i], qy = y[i] - eta * v[i];
-        const bool inside = (qx >= 0) & (qx < limit) & (qy >= 0) & (qy < limit);
-        const auto column = static_cast<std::int32_t>(inside ? qx : 0.0f);
-        const auto row = static_cast<std::int32_t>(inside ? qy : 0.0f);
-        bins[i] = inside ? row * stride + column : outside;
+        const float qx = x[i] - eta * u[i] - corner, qy = y[i] - eta * v[i] - corner;
+        const bool inside = (qx >= 0) & (qx < side) & (qy >= 0) & (qy < side);
+        const float safe_x = inside ? qx : 0.0f, safe_y = inside ? qy : 0.0f;
+        const auto column = static_cast<std::int32_t>(safe_x), row = static_cast<std::int32_t>(safe_y);
+        const auto phase = static_cast<std::int32_t>((safe_x - static_cast<float>(column)) * bins_per_pixel);
+        const auto sub_row = static_cast<std::int32_t>((safe_y - static_cast<float>(row)) * bins_per_pixel);
+        bins[i] = inside ? (row * per_pixel + sub_row) * stride + phase * segment + column : size;
         weights[i] = exp_negative(-falloff * (u[i] * u[i] + v[i] * v[i]));
     }
 }
@@ -145,13 +174,8 @@ public:
           extents_(extents),
           block_(block),
           plan_(plan),
-          size_(plan.tile + 2 * plan.ring),
           width_(round_up(plan.tile)),
-          stride_(width_ + 2 * plan.ring),
           pixels_(plan.tile * width_),
-          taps_(plan.ring + 1),
-          bin_sums_(std::size_t{channels} * plane()),
-          row_sums_(std::size_t(size_) * width_),
           sums_(std::size_t{channels} * pixels_),
           radiance_(std::size_t{3} * pixels_),
           transmittance_(pixels_) {}
@@ -176,15 +200,13 @@ private:
     enum Channel { red, green, blue, hits, total, channels };
 
     static int round_up(int n) { return (n + columns_at_once - 1) / columns_at_once * columns_at_once; }
-    int plane() const { return size_ * stride_ + 1; }  // the last element collects what leaves the outer tile
-    float* bin_sum(int channel) { return bin_sums_.data() + std::ptrdiff_t{channel} * plane(); }
     float* sum(int channel) { return sums_.data() + std::ptrdiff_t{channel} * pixels_; }
 
     // Sorts the samples of the outer tile by partition (twice over the same samples: count, then place), and
     // finds the layers with the slopes that their samples really have (section 6.2).
     void gather(int row, int column) {
         const float x0 = static_cast<float>(column - plan_.ring), y0 = static_cast<float>(row - plan_.ring);
-        const float size = static_cast<float>(size_);
+        const auto size = static_cast<float>(plan_.tile + 2 * plan_.ring);
         const Rectangle outer{x0, x0 + size, y0, y0 + size};
 
         std::vector<Layer> partitions(plan_.partition_count, Layer{0, 1e300, -1e300, 0, 0});
@@ -246,36 +268,62 @@ private:
     // Algorithm 1: scatter along the layer's shear, then blur. Hits are the layer's samples, holes all behind.
     void filter(const Layer& layer) {
         const LayerFilter shape = layer_filter(layer.c_min, layer.c_max, plan_.rule);
-        screen_taps(shape.variance, plan_.ring, plan_.rule.family != FilterFamily::paper, taps_.data());
-        const float eta = static_cast<float>(shape.eta), falloff = static_cast<float>(shape.falloff);
+        const ScreenGrid grid = screen_grid(shape.variance, plan_.ring, plan_.rule.family);
+        const BinWindow window(grid, plan_.tile, width_);
+        make_taps(shape.variance, grid, window);
 
-        std::fill(bin_sums_.begin(), bin_sums_.end(), 0.0f);
-        scatter(layer.begin, layer.end, eta, falloff, [&](int i, std::int32_t bin, float weight) {
+        const std::ptrdiff_t plane = window.size + 1;
+        bin_sums_.assign(channels * plane, 0.0f);
+        float* const sums = bin_sums_.data();
+        scatter(layer.begin, layer.end, shape, window, [=, this](int i, std::int32_t bin, float weight) {
             const float* color = &gathered_.color[std::size_t{3} * i];
-            bin_sum(red)[bin] += weight * color[0];
-            bin_sum(green)[bin] += weight * color[1];
-            bin_sum(blue)[bin] += weight * color[2];
-            bin_sum(hits)[bin] += weight;
+            sums[red * plane + bin] += weight * color[0];
+            sums[green * plane + bin] += weight * color[1];
+            sums[blue * plane + bin] += weight * color[2];
+            sums[hits * plane + bin] += weight;
         });
-        std::memcpy(bin_sum(total), bin_sum(hits), sizeof(float) * plane());
-        float* holes = bin_sum(total);
-        scatter(layer.end, gathered_.count, eta, falloff,
-                [&](int, std::int32_t bin, float weight) { holes[bin] += weight; });
+        float* const all = sums + total * plane;
+        std::memcpy(all, sums + hits * plane, sizeof(float) * plane);
+        scatter(layer.end, gathered_.count, shape, window,
+                [=](int, std::int32_t bin, float weight) { all[bin] += weight; });
 
+        row_sums_.resize(std::size_t(window.rows) * width_);
+        const int tap_count = 2 * window.radius + 1;
+        const std::ptrdiff_t row_step = std::ptrdiff_t{window.bins_per_pixel} * width_;
+        const float* const top = row_sums_.data() + std::ptrdiff_t{window.first_tap()} * width_;
         for (int channel = 0; channel < channels; ++channel) {
-            blur_rows(bin_sum(channel), row_sums_.data(), taps_.data(), size_, stride_, width_, plan_.ring);
-            blur_columns(row_sums_.data(), sum(channel), taps_.data(), plan_.tile, width_, plan_.ring);
+            blur(sums + channel * plane, window.stride, row_sums_.data(), window.rows, width_, taps_.data(),
+                 tap_columns_.data(), tap_count);
+            blur(top, row_step, sum(channel), plan_.tile, width_, taps_.data(), tap_rows_.data(), tap_count);
+        }
+    }
+
+    // The kernel's taps from its first to its last, and where each reads: in a row of bins, and in a column of
+    // row sums.
+    void make_taps(double variance, ScreenGrid grid, const BinWindow& window) {
+        taps_.resize(2 * grid.radius + 1);
+        tap_columns_.resize(taps_.size());
+        tap_rows_.resize(taps_.size());
+        layer_taps(variance, grid, plan_.rule.family, taps_.data() + grid.radius);
+        for (int d = 1; d <= grid.radius; ++d) taps_[grid.radius - d] = taps_[grid.radius + d];
+        for (int k = 0; k <= 2 * grid.radius; ++k) {
+            const int bin = window.first_tap() + k;
+            tap_columns_[k] = bin % grid.bins_per_pixel * window.segment + bin / grid.bins_per_pixel;
+            tap_rows_[k] = k * width_;
         }
     }
 
     template <typename Add>
-    void scatter(int begin, int end, float eta, float falloff, Add&& add) {
+    void scatter(int begin, int end, const LayerFilter& shape, const BinWindow& window, Add&& add) {
+        const auto corner = static_cast<float>(plan_.ring - window.margin);
+        const auto side = static_cast<float>(plan_.tile + 2 * window.margin);
         std::int32_t bins[batch];
         float weights[batch];
         for (int first = begin; first < end; first += batch) {
             const int n = std::min(batch, end - first);
             bins_and_weights(&gathered_.x[first], &gathered_.y[first], &gathered_.u[first], &gathered_.v[first], n,
-                             eta, falloff, size_, stride_, plane() - 1, bins, weights);
+                             static_cast<float>(shape.eta), static_cast<float>(shape.falloff), corner, side, window,
+                             bins, weights);
             for (int i = 0; i < n; ++i) add(first + i, bins[i], weights[i]);
         }
     }
@@ -311,13 +359,12 @@ private:
     const Extent* extents_;
     const int block_;
     const LayeredPlan& plan_;
-    const int size_;    // side of the outer tile
-    const int width_;   // of the inner tile in memory: a whole number of column groups
-    const int stride_;  // of the outer tile in memory
-    const int pixels_;  // of the inner tile in memory
+    const int width_;   // of the tile in memory: a whole number of column groups
+    const int pixels_;  // of the tile in memory
 
     TileSamples gathered_;
     std::vector<Layer> layers_;
+    std::vector<std::int32_t> tap_columns_, tap_rows_;
     std::vector<float> taps_, bin_sums_, row_sums_, sums_, radiance_, transmittance_;
 };
 

@@ -24,11 +24,11 @@ struct FilterRule {
 
 struct LayerFilter {
     double eta;       // shear: samples are scattered to xy - eta * uv
-    double variance;  // of the screen-space kernel along one axis, in pixels²
+    double variance;  // of the screen-space filter along one axis, in pixels²
     double falloff;   // a sample at lens radius r weighs exp(-falloff r²)
 };
 
-constexpr double bin_variance = 1.0 / 12.0;
+constexpr double bin_variance = 1.0 / 12.0;  // in bins²
 
 // Second moment along one axis of a Gaussian of the given precision, cut off where the samples end.
 FEWRAYS_HD inline double lens_moment(double precision, Sampling sampling) {
@@ -51,7 +51,7 @@ FEWRAYS_HD inline LayerFilter axis_aligned_filter(double c_min, double c_max, co
     const double density =
         rule.sampling == Sampling::gaussian ? 1 / (rule.sampling_sigma * rule.sampling_sigma) : 0.0;
     const double falloff = 0.5 * std::fmax(1 / (rule.sigma_u * rule.sigma_u) - density, 0.0);
-    return {0.0, std::fmax(sigma * sigma - bin_variance, 0.0), falloff};
+    return {0.0, sigma * sigma, falloff};
 }
 
 // Sheared filter: small shear (Eq. 27 to 29), wide wedge (Eq. 11) or transformed axes (Eq. 12 to 22).
@@ -88,8 +88,8 @@ FEWRAYS_HD inline LayerFilter sheared_filter(double c_min, double c_max, const F
     if (rule.family == FilterFamily::paper) return {eta, sigma_screen * sigma_screen, falloff};
 
     const double residual = (center - eta) * (center - eta) * lens_moment(lens_precision, rule.sampling);
-    const double variance = sigma_pix * sigma_pix + center * center * rule.aperture_moment - residual - bin_variance;
-    return {eta, std::fmax(variance, 0.0), falloff};
+    const double variance = sigma_pix * sigma_pix + center * center * rule.aperture_moment - residual;
+    return {eta, variance, falloff};
 }
 
 FEWRAYS_HD inline LayerFilter layer_filter(double c_min, double c_max, const FilterRule& rule) {
@@ -97,14 +97,28 @@ FEWRAYS_HD inline LayerFilter layer_filter(double c_min, double c_max, const Fil
                                                      : sheared_filter(c_min, c_max, rule);
 }
 
-// Exponent t for which the discrete kernel exp(-t d²), |d| <= ring, has the given variance.
-FEWRAYS_HD inline double exponent_of_variance(double variance, int ring) {
-    if (variance >= ring * (ring + 1) / 3.0) return 0.0;  // even a box is not wide enough
+// The grid of a layer's discrete screen-space filter.
+struct ScreenGrid {
+    int bins_per_pixel;  // odd: a pixel's centre is the centre of a bin
+    int radius;          // of the kernel, in bins
+};
+
+FEWRAYS_HD inline ScreenGrid screen_grid(double variance, int ring, FilterFamily family) {
+    if (family == FilterFamily::paper) return {1, ring};
+    const double sigma = std::sqrt(variance);
+    const int bins = sigma >= 1.6 ? 1 : 3 * sigma >= 1.6 ? 3 : 5;
+    const double radius = std::ceil(4 * sigma * bins);
+    return {bins, radius < ring * bins ? static_cast<int>(radius) : ring * bins};
+}
+
+// Exponent t for which the discrete kernel exp(-t d²), |d| <= radius, has the given variance.
+FEWRAYS_HD inline double exponent_of_variance(double variance, int radius) {
+    if (variance >= radius * (radius + 1) / 3.0) return 0.0;  // even a box is not wide enough
     double t = 1 / (2 * variance);
     if (variance <= 0.5) t = std::fmin(t, std::log(2 / variance));
     for (int step = 0; step < 12; ++step) {
         double sum = 0.5, second = 0, fourth = 0;  // of one half of the kernel
-        for (int d = 1; d <= ring; ++d) {
+        for (int d = 1; d <= radius; ++d) {
             const double d2 = double(d) * d, tap = std::exp(-t * d2);
             sum += tap;
             second += tap * d2;
@@ -120,14 +134,21 @@ FEWRAYS_HD inline double exponent_of_variance(double variance, int ring) {
     return t;
 }
 
-// Normalised taps at distances 0 … ring of the screen-space kernel.
-FEWRAYS_HD inline void screen_taps(double variance, int ring, bool exact, float* taps) {
+// Normalised taps at distances 0 … radius (bins) of a Gaussian of the given variance (bins²).
+FEWRAYS_HD inline void screen_taps(double variance, int radius, bool exact, float* taps) {
     const bool point = variance < 1e-9;
-    const double t = exact && !point ? exponent_of_variance(variance, ring) : 1 / (2 * variance);
+    const double t = exact && !point ? exponent_of_variance(variance, radius) : 1 / (2 * variance);
     double sum = 1;
-    for (int d = 1; d <= ring; ++d) sum += 2 * (point ? 0.0 : std::exp(-t * d * d));
+    for (int d = 1; d <= radius; ++d) sum += 2 * (point ? 0.0 : std::exp(-t * d * d));
     taps[0] = float(1 / sum);
-    for (int d = 1; d <= ring; ++d) taps[d] = point ? 0.0f : float(std::exp(-t * d * d) / sum);
+    for (int d = 1; d <= radius; ++d) taps[d] = point ? 0.0f : float(std::exp(-t * d * d) / sum);
+}
+
+// The taps of a layer's screen-space filter: `taps` holds grid.radius + 1.
+FEWRAYS_HD inline void layer_taps(double variance, ScreenGrid grid, FilterFamily family, float* taps) {
+    if (family == FilterFamily::paper) return screen_taps(variance, grid.radius, false, taps);
+    const double in_bins = variance * grid.bins_per_pixel * grid.bins_per_pixel;
+    screen_taps(in_bins - bin_variance, grid.radius, true, taps);
 }
 
 }  // namespace fewrays

@@ -55,9 +55,15 @@ def usable_cores() -> int:
 
 
 def progress_bar(total: int, label: str, *, show: bool, unit: str = "it") -> tqdm:
-    """Return a bar on stderr that appears once the work has taken two seconds."""
+    """Return a bar on stderr that appears once the work has taken two seconds; none where stderr is a file."""
     return tqdm(
-        total=total, desc=label, unit=unit, delay=_PROGRESS_DELAY, disable=not show, leave=False, file=sys.stderr
+        total=total,
+        desc=label,
+        unit=unit,
+        delay=_PROGRESS_DELAY,
+        disable=None if show else True,
+        leave=False,
+        file=sys.stderr,
     )
 
 

@@ -49,7 +49,12 @@ class _TileOptions:
         _require("tile", self.tile, 4 <= self.tile <= 256, "from 4 to 256 px")
         _require("ring", self.ring, 1 <= self.ring <= 256, "from 1 to 256 px")
         limit = self.ring / 2
-        _require("max_sigma_x", self.max_sigma_x, 0.0 < self.max_sigma_x <= limit, f"in (0, ring / 2 = {limit:g}] px")
+        _require(
+            "max_sigma_x",
+            self.max_sigma_x,
+            0.0 < self.max_sigma_x <= limit,
+            f"in (0, ring / 2 = {limit:g}] px",
+        )
         if self.max_layers is not None:
             _require("max_layers", self.max_layers, self.max_layers >= 1, "at least 1")
 
@@ -96,12 +101,18 @@ def _run_axis_aligned(
     samples: SampleBuffer, options: LayeredAxisAlignedOptions, execution: Execution
 ) -> Reconstruction:
     rule = FilterRule.for_lens(
-        samples.lens, "axis-aligned", sigma_pix=options.sigma_pix, max_sigma_x=options.max_sigma_x, k=options.k
+        samples.lens,
+        "axis-aligned",
+        sigma_pix=options.sigma_pix,
+        max_sigma_x=options.max_sigma_x,
+        k=options.k,
     )
     return _run(samples, options, rule, execution)
 
 
-def _run(samples: SampleBuffer, options: _TileOptions, rule: FilterRule, execution: Execution) -> Reconstruction:
+def _run(
+    samples: SampleBuffer, options: _TileOptions, rule: FilterRule, execution: Execution
+) -> Reconstruction:
     plan = _plan(samples, options, rule, with_slots=execution.aovs)
     shape = (samples.height, samples.width)
     image = np.zeros((*shape, 3), np.float32)
@@ -141,7 +152,9 @@ def _plan(samples: SampleBuffer, options: _TileOptions, rule: FilterRule, *, wit
     )
     slots = np.full(partitions.count, -1, np.int32)
     if with_slots:  # per-layer images only for the partitions that occur
-        occurring = np.unique(np.concatenate([partitions.of_slope(samples.lens.slope(d)) for d in samples.depth]))
+        occurring = np.unique(
+            np.concatenate([partitions.of_slope(samples.lens.slope(d)) for d in samples.depth])
+        )
         slots[occurring] = np.arange(len(occurring))
     return Plan(
         height=samples.height,

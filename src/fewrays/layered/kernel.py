@@ -25,7 +25,9 @@ def reconstruct_tiles(
     execution: Execution,
 ) -> None:
     """Reconstruct all tiles into `image`, the number of layers into `counts` and the layers if asked for."""
-    view = _native.Samples(samples.xy, samples.uv, samples.depth, samples.color, samples.lens.c0, samples.lens.c1)
+    view = _native.Samples(
+        samples.xy, samples.uv, samples.depth, samples.color, samples.lens.c0, samples.lens.c1
+    )
     extents = np.empty((-(-plan.height // _BLOCK), -(-plan.width // _BLOCK), 4), np.float32)
     map_ranges(
         lambda first, last: _native.block_extents(view, _BLOCK, float(plan.ring), first, last, extents),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -112,7 +113,7 @@ def active_layers(
         members = slope[partition == index]
         layers.append(Layer(int(index), int(index), float(members.min()), float(members.max())))
     while max_layers is not None and len(layers) > max_layers:
-        joined = [_join(front, back) for front, back in zip(layers, layers[1:], strict=False)]
+        joined = [_join(front, back) for front, back in itertools.pairwise(layers)]
         best = _cheapest(joined)
         layers[best : best + 2] = [joined[best]]
     return layers

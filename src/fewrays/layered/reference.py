@@ -8,17 +8,14 @@ composite by average opacity (Eq. 35).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from fewrays.layered.filters import FilterRule, screen_taps
-from fewrays.layered.partitions import Layer, Partitions, active_layers
+from fewrays.layered.filters import ScreenKernel
+from fewrays.layered.partitions import Layer, active_layers
+from fewrays.layered.plan import Plan
 from fewrays.samples import SampleBuffer
-
-if TYPE_CHECKING:
-    from fewrays.layered.plan import Plan
 
 __all__ = ["reconstruct_tile"]
 
@@ -99,14 +96,16 @@ def filter_layer(
         Premultiplied by opacity.
     opacity : ndarray, (tile, tile)
     """
-    size = plan.tile + 2 * plan.ring
     layer_filter = plan.rule.filter(layer.c_min, layer.c_max)
+    kernel = plan.rule.kernel(layer_filter.variance, plan.ring)
+    size = (plan.tile + 2 * plan.ring) * kernel.bins_per_pixel
     reached = partition >= layer.first
     hit = (partition <= layer.last)[reached]
 
     uv = samples.uv[reached]
     weight = np.exp(-layer_filter.falloff * np.square(uv).sum(axis=-1))
-    q = np.floor(samples.xy[reached] - layer_filter.eta * uv).astype(np.int64)
+    q = samples.xy[reached] - layer_filter.eta * uv
+    q = np.floor(q * kernel.bins_per_pixel).astype(np.int64)
     inside = ((q >= 0) & (q < size)).all(axis=-1)
     bins = (q[:, 1] * size + q[:, 0])[inside]
 
@@ -114,8 +113,7 @@ def filter_layer(
         sums = np.bincount(bins, values[inside], minlength=size * size)
         return sums.astype(np.float64).reshape(size, size)
 
-    taps = screen_taps(layer_filter.variance, plan.ring, exact=plan.rule.family != "paper")
-    blur = _blur_matrix(taps, plan.tile)
+    blur = _blur_matrix(kernel, plan.tile, plan.ring)
 
     hits = blur @ accumulate(weight * hit) @ blur.T
     total = blur @ accumulate(weight) @ blur.T
@@ -137,9 +135,8 @@ def _gather(samples: SampleBuffer, row: int, column: int, size: int) -> _TileSam
     )
 
 
-def _blur_matrix(taps: Float64, tile: int) -> Float64:
-    """Matrix (tile, tile + 2 ring) that blurs one axis of an outer tile and keeps the inner one."""
-    ring = len(taps) - 1
-    pixel = np.arange(tile)[:, None] + ring
-    distance = np.abs(np.arange(tile + 2 * ring)[None, :] - pixel)
-    return np.where(distance <= ring, taps[np.minimum(distance, ring)], 0.0)
+def _blur_matrix(kernel: ScreenKernel, tile: int, ring: int) -> Float64:
+    """Matrix (pixels of the tile, bins of the outer tile) that blurs one axis and keeps the pixels' centres."""
+    center = (np.arange(tile)[:, None] + ring + 0.5) * kernel.bins_per_pixel - 0.5
+    distance = np.abs(np.arange((tile + 2 * ring) * kernel.bins_per_pixel)[None, :] - center).astype(np.int64)
+    return np.where(distance <= kernel.radius, kernel.taps[np.minimum(distance, kernel.radius)], 0.0)
