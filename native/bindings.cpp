@@ -58,20 +58,21 @@ NB_MODULE(_native, m) {
         .def(
             "__init__",
             [](FilterRule* self, FilterFamily family, double sigma_pix, double sigma_u, double max_sigma_x,
-               Sampling sampling, double sampling_sigma, double aperture_moment, double k) {
-                new (self) FilterRule{family,   sigma_pix,      sigma_u,         max_sigma_x,
+               double occluded_sigma_x, Sampling sampling, double sampling_sigma, double aperture_moment, double k) {
+                new (self) FilterRule{family,   sigma_pix,      sigma_u,         max_sigma_x, occluded_sigma_x,
                                       sampling, sampling_sigma, aperture_moment, k};
             },
-            nb::kw_only(), "family"_a, "sigma_pix"_a, "sigma_u"_a, "max_sigma_x"_a, "sampling"_a,
+            nb::kw_only(), "family"_a, "sigma_pix"_a, "sigma_u"_a, "max_sigma_x"_a,
+            "occluded_sigma_x"_a, "sampling"_a,
             "sampling_sigma"_a, "aperture_moment"_a, "k"_a);
 
     m.def(
         "layer_filter",
-        [](double c_min, double c_max, const FilterRule& rule) {
-            const LayerFilter filter = layer_filter(c_min, c_max, rule);
+        [](double c_min, double c_max, double occlusion, const FilterRule& rule) {
+            const LayerFilter filter = layer_filter(c_min, c_max, occlusion, rule);
             return std::tuple(filter.eta, filter.variance, filter.falloff);
         },
-        "c_min"_a, "c_max"_a, "rule"_a);
+        "c_min"_a, "c_max"_a, "occlusion"_a, "rule"_a);
     m.def(
         "layer_taps",
         [](double variance, int ring, FilterFamily family) {

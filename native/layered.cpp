@@ -267,7 +267,7 @@ private:
 
     // Algorithm 1: scatter along the layer's shear, then blur. Hits are the layer's samples, holes all behind.
     void filter(const Layer& layer) {
-        const LayerFilter shape = layer_filter(layer.c_min, layer.c_max, plan_.rule);
+        const LayerFilter shape = layer_filter(layer.c_min, layer.c_max, occlusion(layer), plan_.rule);
         const ScreenGrid grid = screen_grid(shape.variance, plan_.ring, plan_.rule.family);
         const BinWindow window(grid, plan_.tile, width_);
         make_taps(shape.variance, grid, window);
@@ -296,6 +296,17 @@ private:
                  tap_columns_.data(), tap_count);
             blur(top, row_step, sum(channel), plan_.tile, width_, taps_.data(), tap_rows_.data(), tap_count);
         }
+    }
+
+    // Share of the tile's samples that cover a layer, weighted by how differently they shear.
+    double occlusion(const Layer& layer) const {
+        const double center = central_slope(layer.c_min, layer.c_max);
+        double covering = 0;
+        for (const Layer& front : layers_) {
+            if (front.begin >= layer.begin) break;
+            covering += (front.end - front.begin) * covering_share(central_slope(front.c_min, front.c_max), center);
+        }
+        return covering / gathered_.count;
     }
 
     // The kernel's taps from its first to its last, and where each reads: in a row of bins, and in a column of

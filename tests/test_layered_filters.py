@@ -11,9 +11,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from fewrays import Lens, _native
-from fewrays.layered.filters import BIN_VARIANCE, FilterRule, LayerFilter, lens_moment, screen_taps
+from fewrays.layered.filters import FilterRule, LayerFilter, lens_moment, screen_taps
 from fewrays.layered.kernel import native_rule
-from fewrays.layered.partitions import Partitions, active_layers
+from fewrays.layered.partitions import Layer, Partitions, active_layers, occlusion
 from fewrays.lens import Sampling
 
 SAMPLINGS: tuple[Sampling, ...] = ("disc", "square", "gaussian")
@@ -68,7 +68,9 @@ class TestSheared:
         assert filter_.eta == pytest.approx(s * 8.0 / (1 / 9 + s**2))
 
     @given(slopes, slopes, st.sampled_from(SAMPLINGS))
-    def test_screen_filter_is_never_narrower_than_the_pixel(self, a: float, b: float, sampling: Sampling) -> None:
+    def test_screen_filter_is_never_narrower_than_the_pixel(
+        self, a: float, b: float, sampling: Sampling
+    ) -> None:
         assert rule(sampling=sampling).filter(min(a, b), max(a, b)).variance >= 0.25 * (1 - 1e-12)
 
     @given(st.floats(0.0, 1.5), st.floats(1.5, 60.0))
@@ -80,8 +82,10 @@ class TestSheared:
 
 class TestMatched:
     @given(slopes, slopes, st.sampled_from(SAMPLINGS))
-    def test_point_gets_the_variance_of_pixel_and_aperture(self, a: float, b: float, sampling: Sampling) -> None:
-        """The image of a point at the layer's central slope, to the second moment, bins included."""
+    def test_point_gets_the_variance_of_pixel_and_aperture(
+        self, a: float, b: float, sampling: Sampling
+    ) -> None:
+        """The image of a point at the layer's central slope, to the second moment."""
         c_min, c_max = min(a, b), max(a, b)
         filter_ = rule("matched", sampling).filter(c_min, c_max)
         small = max(-c_min, c_max) < 1.5
@@ -92,8 +96,7 @@ class TestMatched:
         precision = 2 * filter_.falloff + (9.0 if sampling == "gaussian" else 0.0)
         residual = (center - filter_.eta) ** 2 * lens_moment(precision, sampling)
         expected = 0.25 + center**2 * lens_moment(9.0, "square")
-        assume(expected - residual > BIN_VARIANCE)
-        assert filter_.variance + BIN_VARIANCE + residual == pytest.approx(expected)
+        assert filter_.variance + residual == pytest.approx(expected)
 
     @given(slopes, slopes)
     def test_importance_samples_are_never_weighted_up(self, a: float, b: float) -> None:
@@ -102,9 +105,9 @@ class TestMatched:
 
 def test_axis_aligned_width_follows_the_nearest_slope() -> None:
     axis_aligned = rule("axis-aligned")
-    assert axis_aligned.filter(12.0, 20.0).variance + BIN_VARIANCE == pytest.approx((12 / 3 / 2) ** 2)
+    assert axis_aligned.filter(12.0, 20.0).variance == pytest.approx((12 / 3 / 2) ** 2)
     assert axis_aligned.filter(-20.0, -12.0).variance == axis_aligned.filter(12.0, 20.0).variance
-    assert axis_aligned.filter(-1.0, 20.0).variance + BIN_VARIANCE == pytest.approx(0.25)
+    assert axis_aligned.filter(-1.0, 20.0).variance == pytest.approx(0.25)
     assert axis_aligned.filter(12.0, 20.0).eta == 0.0
 
 
@@ -120,6 +123,22 @@ def test_lens_moment_is_the_integral(precision: float, sampling: Sampling) -> No
         density = np.exp(-0.5 * precision * u**2)
         expected = (density * u**2).sum() / density.sum()
     assert lens_moment(precision, sampling) == pytest.approx(expected, rel=1e-7)
+
+
+@given(st.floats(0.0625, 64.0), st.sampled_from([16, 32]))
+def test_kernel_and_bins_have_the_variance_asked_for(variance: float, ring: int) -> None:
+    kernel = rule("matched").kernel(variance, ring)
+    distance = np.arange(-kernel.radius, kernel.radius + 1) / kernel.bins_per_pixel
+    taps = np.concatenate([kernel.taps[:0:-1], kernel.taps])
+    bins = 1 / kernel.bins_per_pixel**2 / 12
+    assert taps @ distance**2 + bins == pytest.approx(variance, rel=1e-6)
+    assert kernel.radius <= ring * kernel.bins_per_pixel
+
+
+@pytest.mark.parametrize(("sigma", "bins_per_pixel"), [(0.5, 5), (0.6, 3), (1.5, 3), (1.7, 1), (8.0, 1)])
+def test_bins_are_finer_than_the_filter(sigma: float, bins_per_pixel: int) -> None:
+    assert rule("matched").kernel(sigma**2, 16).bins_per_pixel == bins_per_pixel
+    assert rule("paper").kernel(sigma**2, 16).bins_per_pixel == 1
 
 
 @given(st.floats(0.01, 80.0), st.integers(4, 40))
@@ -140,7 +159,14 @@ def test_taps_of_no_width_are_a_point() -> None:
 
 
 class TestNativeTwin:
-    @given(slopes, slopes, st.sampled_from(FAMILIES), st.sampled_from(SAMPLINGS), st.floats(0.5, 32.0))
+    @given(
+        slopes,
+        slopes,
+        st.sampled_from(FAMILIES),
+        st.sampled_from(SAMPLINGS),
+        st.floats(0.5, 32.0),
+        st.floats(0, 1),
+    )
     def test_filters(
         self,
         a: float,
@@ -148,19 +174,24 @@ class TestNativeTwin:
         family: Literal["paper", "matched", "axis-aligned"],
         sampling: Sampling,
         max_sigma_x: float,
+        occlusion: float,
     ) -> None:
         python = rule(family, sampling, max_sigma_x)
-        expected = python.filter(min(a, b), max(a, b))
-        actual = _native.layer_filter(min(a, b), max(a, b), native_rule(python))
+        expected = python.filter(min(a, b), max(a, b), occlusion)
+        actual = _native.layer_filter(min(a, b), max(a, b), occlusion, native_rule(python))
         np.testing.assert_allclose(
             actual, [expected.eta, expected.variance, expected.falloff], rtol=1e-9, atol=1e-12
         )
 
-    @given(st.floats(0.0, 100.0), st.integers(1, 40), st.booleans())
-    def test_taps(self, variance: float, ring: int, exact: bool) -> None:
-        np.testing.assert_allclose(
-            _native.screen_taps(variance, ring, exact), screen_taps(variance, ring, exact=exact), atol=1e-6
-        )
+    @given(st.floats(0.06, 100.0), st.integers(1, 40), st.sampled_from(FAMILIES))
+    def test_taps(
+        self, variance: float, ring: int, family: Literal["paper", "matched", "axis-aligned"]
+    ) -> None:
+        expected = rule(family).kernel(variance, ring)
+        native = _native.FilterFamily(FAMILIES.index(family))
+        bins_per_pixel, taps = _native.layer_taps(variance, ring, native)
+        assert bins_per_pixel == expected.bins_per_pixel
+        np.testing.assert_allclose(taps, expected.taps, atol=1e-6)
 
 
 class TestPartitions:
@@ -181,7 +212,9 @@ class TestPartitions:
             assert 2 / 3 / (1 / c_min - 1 / c_max) == pytest.approx(8.0, rel=5e-3)
 
     @given(st.lists(slopes, min_size=1, max_size=50), st.integers(1, 30), st.sampled_from([0.125, 0.5, 1.0]))
-    def test_partitions_are_ordered_front_to_back(self, cs: list[float], per_side: int, bin_size: float) -> None:
+    def test_partitions_are_ordered_front_to_back(
+        self, cs: list[float], per_side: int, bin_size: float
+    ) -> None:
         partitions = Partitions.of_constant_energy(per_side, sigma_u=0.5, max_sigma_x=8.0, bin_size=bin_size)
         index = partitions.of_slope(np.sort(np.array(cs, np.float32)))
         assert (np.diff(index.astype(int)) >= 0).all()
@@ -215,3 +248,31 @@ class TestActiveLayers:
         layers = active_layers(self.partition, self.slope, limit)
         assert len(layers) == min(limit, 4)
         assert (layers[0].c_min, layers[-1].c_max) == (-6.0, 13.0)
+
+    def test_counts_samples(self) -> None:
+        assert [layer.count for layer in active_layers(self.partition, self.slope, None)] == [2, 1, 2, 1]
+        assert [layer.count for layer in active_layers(self.partition, self.slope, 1)] == [6]
+
+
+class TestOcclusion:
+    @staticmethod
+    def layers(*slopes: float) -> list[Layer]:
+        return [Layer(i, i, c, c, 10) for i, c in enumerate(slopes)]
+
+    def test_nothing_covers_the_front(self) -> None:
+        assert occlusion(self.layers(-20.0, 5.0), 0) == 0
+
+    def test_a_cover_of_another_slope_counts_in_full(self) -> None:
+        assert occlusion(self.layers(-20.0, 5.0), 1) == pytest.approx(0.5)
+
+    def test_a_cover_of_the_same_slope_does_not_count(self) -> None:
+        assert occlusion(self.layers(20.0, 20.0), 1) == 0
+        assert occlusion(self.layers(16.0, 20.0), 1) == pytest.approx(0.5 * 0.5 * 4 / 20)
+
+    @given(st.floats(0, 1))
+    def test_limit_falls_from_open_to_covered(self, share: float) -> None:
+        lens = Lens(-1.0, 1.0, aperture="gaussian", sampling="square")
+        limited = FilterRule.for_lens(lens, "matched", sigma_pix=0.5, max_sigma_x=8.0, occluded_sigma_x=2.0)
+        assert 2.0 <= limited.sigma_x_limit(share) <= 8.0
+        assert limited.sigma_x_limit(0.0) == 8.0
+        assert limited.sigma_x_limit(0.5) == 2.0

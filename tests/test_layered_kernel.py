@@ -124,7 +124,9 @@ def test_guard_band_is_used() -> None:
     inner = reconstruct(large)[32:64, 32:64]
     assert_agree(reconstruct(cropped)[:32, :32], inner, tolerance=1e-5)
 
-    inside_only = SampleBuffer(*(a[32:64, 32:64] for a in (cropped.xy, large.uv, large.depth, large.color)), lens)
+    inside_only = SampleBuffer(
+        *(a[32:64, 32:64] for a in (cropped.xy, large.uv, large.depth, large.color)), lens
+    )
     assert np.abs(reconstruct(inside_only) - inner).max() > 1e-3
 
 

@@ -95,7 +95,8 @@ class TestPinhole:
         weight = np.pad(np.ones(means.shape[:2]), 1)[..., None]
         for axis in (0, 1):
             padded, weight = (
-                (1 - 2 * outer) * a + outer * (np.roll(a, 1, axis) + np.roll(a, -1, axis)) for a in (padded, weight)
+                (1 - 2 * outer) * a + outer * (np.roll(a, 1, axis) + np.roll(a, -1, axis))
+                for a in (padded, weight)
             )
         expected = (padded / np.maximum(weight, 1e-9))[1:-1, 1:-1]
         np.testing.assert_allclose(reconstruct(samples), expected, atol=2e-3)

@@ -16,6 +16,7 @@ struct FilterRule {
     double sigma_pix;
     double sigma_u;
     double max_sigma_x;
+    double occluded_sigma_x;
     Sampling sampling;
     double sampling_sigma;
     double aperture_moment;
@@ -54,8 +55,25 @@ FEWRAYS_HD inline LayerFilter axis_aligned_filter(double c_min, double c_max, co
     return {0.0, sigma * sigma, falloff};
 }
 
+// Largest sigma_x of a layer of which others cover the share `occlusion`.
+FEWRAYS_HD inline double sigma_x_limit(double occlusion, const FilterRule& rule) {
+    const double uncovered = std::fmax(0.0, 1 - occlusion / 0.3);
+    return rule.occluded_sigma_x + (rule.max_sigma_x - rule.occluded_sigma_x) * uncovered;
+}
+
+// Share of its samples with which a layer in front, of slope `front`, covers one of slope `center`.
+FEWRAYS_HD inline double covering_share(double front, double center) {
+    return center != 0 ? std::fmin(1.0, 0.5 * std::fabs(front - center) / std::fabs(center)) : 1.0;
+}
+
+// Central slope of a layer (Eq. 13); 0 where it spans the focal plane.
+FEWRAYS_HD inline double central_slope(double c_min, double c_max) {
+    const double product = c_min * c_max;
+    return product > 0 ? 2 * product / (c_min + c_max) : 0.0;
+}
+
 // Sheared filter: small shear (Eq. 27 to 29), wide wedge (Eq. 11) or transformed axes (Eq. 12 to 22).
-FEWRAYS_HD inline LayerFilter sheared_filter(double c_min, double c_max, const FilterRule& rule) {
+FEWRAYS_HD inline LayerFilter sheared_filter(double c_min, double c_max, const FilterRule& rule, double limit) {
     const double sigma_u = rule.sigma_u, sigma_pix = rule.sigma_pix;
     double center, eta, lens_precision, sigma_screen;
     if (std::fmax(-c_min, c_max) < sigma_pix / sigma_u) {
@@ -69,9 +87,9 @@ FEWRAYS_HD inline LayerFilter sheared_filter(double c_min, double c_max, const F
         sigma_screen = sigma_pix;
     } else {
         const double product = c_min * c_max, spread = c_max - c_min;
-        const bool unlimited = product >= rule.max_sigma_x * spread / (2 * sigma_u);
-        const double sigma_x = unlimited ? rule.max_sigma_x : 2 * sigma_u * product / spread;
-        center = 2 * product / (c_min + c_max);
+        const bool unlimited = product >= limit * spread / (2 * sigma_u);
+        const double sigma_x = unlimited ? limit : 2 * sigma_u * product / spread;
+        center = central_slope(c_min, c_max);
         const double s = center != 0 ? sigma_x / center : 0.0;
         const double gamma2 = sigma_u * sigma_u + s * s;
         eta = s * sigma_x / gamma2;
@@ -92,9 +110,10 @@ FEWRAYS_HD inline LayerFilter sheared_filter(double c_min, double c_max, const F
     return {eta, variance, falloff};
 }
 
-FEWRAYS_HD inline LayerFilter layer_filter(double c_min, double c_max, const FilterRule& rule) {
-    return rule.family == FilterFamily::axis_aligned ? axis_aligned_filter(c_min, c_max, rule)
-                                                     : sheared_filter(c_min, c_max, rule);
+FEWRAYS_HD inline LayerFilter layer_filter(double c_min, double c_max, double occlusion, const FilterRule& rule) {
+    return rule.family == FilterFamily::axis_aligned
+               ? axis_aligned_filter(c_min, c_max, rule)
+               : sheared_filter(c_min, c_max, rule, sigma_x_limit(occlusion, rule));
 }
 
 // The grid of a layer's discrete screen-space filter.

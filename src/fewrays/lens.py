@@ -53,8 +53,8 @@ class Lens:
     Raises
     ------
     SampleError
-        For coefficients that are not finite, ``c0 > 0``, an unknown aperture or sampling, or a `sigma` outside
-        0.01 to 100.
+        For coefficients that are not finite or beyond 1e30, ``c0 > 0``, an unknown aperture or sampling, or a `sigma` outside
+        0.001 to 1000.
 
     Examples
     --------
@@ -76,8 +76,8 @@ class Lens:
                 number = float(value)
             except (TypeError, ValueError):
                 raise SampleError(f"expected a number, got {value!r}", field=f"lens.{name}") from None
-            if not math.isfinite(number):
-                raise SampleError(f"expected a finite number, got {value!r}", field=f"lens.{name}")
+            if not abs(number) <= _LARGEST:
+                raise SampleError(f"expected a finite number up to {_LARGEST:g}, got {value!r}", field=f"lens.{name}")
             object.__setattr__(self, name, number)
         if self.c0 > 0:
             raise SampleError(
@@ -276,7 +276,8 @@ class Lens:
         return np.full_like(r2, 1 / math.pi if shape == "disc" else 0.25)
 
 
-_SIGMA_RANGE = (0.01, 100.0)
+_SIGMA_RANGE = (0.001, 1000.0)
+_LARGEST = 1e30  # so that slopes can be computed in float32
 _RIM = 1e-5  # positions this far beyond the rim still count as on the lens
 
 

@@ -65,12 +65,18 @@ class LayeredOptions(_TileOptions):
 
     screen_filter: Literal["matched", "paper"] = "matched"
     """Widths of the screen-space filters: matched in variance to what aperture and pixel filter make of a
-    point, or as published (which leaves out the narrower of the two)."""
+    point, on fine bins, or as published (which leaves out the narrower of the two)."""
+    occluded_sigma_x: float = 2.5
+    """Largest screen-space extent of the filter of a layer that others cover, in pixels: small for correct
+    occlusion, large for less noise. The published method has no such limit: give max_sigma_x's value."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         known = self.screen_filter in ("matched", "paper")
         _require("screen_filter", self.screen_filter, known, "'matched' or 'paper'")
+        _require(
+            "occluded_sigma_x", self.occluded_sigma_x, 0.5 <= self.occluded_sigma_x, "of at least 0.5 px"
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,7 +98,11 @@ def _require(name: str, value: object, accepted: bool, allowed: str) -> None:
 
 def _run_sheared(samples: SampleBuffer, options: LayeredOptions, execution: Execution) -> Reconstruction:
     rule = FilterRule.for_lens(
-        samples.lens, options.screen_filter, sigma_pix=options.sigma_pix, max_sigma_x=options.max_sigma_x
+        samples.lens,
+        options.screen_filter,
+        sigma_pix=options.sigma_pix,
+        max_sigma_x=options.max_sigma_x,
+        occluded_sigma_x=options.occluded_sigma_x,
     )
     return _run(samples, options, rule, execution)
 

@@ -28,6 +28,12 @@ with m the second moment along one axis. ``screen_filter="matched"`` solves this
 of half a pixel: it becomes a staircase, and edges in focus lose ten decibels. A matched filter uses bins of at
 most half its standard deviation, subtracts their variance from the blur, and ends the blur at four standard
 deviations.
+
+**Occluded layers.** A wide filter takes a surface point's radiance from rays through other parts of the lens
+than the pixel's own. Where another layer covers part of the lens, those rays are not the ones that the pixel
+sees, and their mean is the wrong one (the product of means in Eq. 34). A narrow ``sigma_x`` keeps to the
+pixel's own rays, at the price of noise, so its limit falls from `max_sigma_x` to `occluded_sigma_x` as the
+layer gets covered: see `FilterRule.sigma_x_limit`.
 """
 
 from __future__ import annotations
@@ -111,6 +117,8 @@ class FilterRule:
         Standard deviation of the aperture along one axis, in lens units.
     max_sigma_x : float
         Largest screen-space extent of a sheared filter, in pixels.
+    occluded_sigma_x : float
+        The same for a layer that others cover, at most `max_sigma_x`.
     sampling : {"disc", "square", "gaussian"}
         Density of the lens positions.
     sampling_sigma : float
@@ -125,6 +133,7 @@ class FilterRule:
     sigma_pix: float
     sigma_u: float
     max_sigma_x: float
+    occluded_sigma_x: float
     sampling: Sampling
     sampling_sigma: float
     aperture_moment: float
@@ -138,12 +147,19 @@ class FilterRule:
         *,
         sigma_pix: float,
         max_sigma_x: float,
+        occluded_sigma_x: float | None = None,
         k: float = 2.0,
     ) -> FilterRule:
         """Collect a lens's numbers; a disc is replaced by the Gaussian of equal second moment."""
         sigma_u = lens.gaussian_sigma
         moment = lens_moment(1 / sigma_u**2, "square") if lens.aperture == "gaussian" else sigma_u**2
-        return cls(family, sigma_pix, sigma_u, max_sigma_x, lens.sampling, lens.sigma, moment, k)
+        occluded = max_sigma_x if occluded_sigma_x is None else min(occluded_sigma_x, max_sigma_x)
+        return cls(family, sigma_pix, sigma_u, max_sigma_x, occluded, lens.sampling, lens.sigma, moment, k)
+
+    def sigma_x_limit(self, occlusion: float) -> float:
+        """Largest ``sigma_x`` in pixels of a layer of which others cover the share `occlusion`."""
+        uncovered = max(0.0, 1 - occlusion / _FULLY_OCCLUDED)
+        return self.occluded_sigma_x + (self.max_sigma_x - self.occluded_sigma_x) * uncovered
 
     def kernel(self, variance: float, ring: int) -> ScreenKernel:
         """Return the discrete filter of that variance (pixels²) which reaches at most `ring` pixels."""
@@ -156,14 +172,14 @@ class FilterRule:
         radius = min(math.ceil(_SIGMAS * sigma * bins), ring * bins)
         return ScreenKernel(bins, screen_taps(variance * bins**2 - BIN_VARIANCE, radius, exact=True))
 
-    def filter(self, c_min: float, c_max: float) -> LayerFilter:
+    def filter(self, c_min: float, c_max: float, occlusion: float = 0.0) -> LayerFilter:
         """Return the filter of a layer with slopes from `c_min` to `c_max`, in pixels per lens unit."""
         if self.family == "axis-aligned":
             return axis_aligned_filter(c_min, c_max, self)
-        return sheared_filter(c_min, c_max, self)
+        return sheared_filter(c_min, c_max, self, self.sigma_x_limit(occlusion))
 
 
-def sheared_filter(c_min: float, c_max: float, rule: FilterRule) -> LayerFilter:
+def sheared_filter(c_min: float, c_max: float, rule: FilterRule, sigma_x_limit: float) -> LayerFilter:
     """Derive the sheared filter of a layer (section 3.3, 3.4 and 3.6).
 
     Parameters
@@ -172,6 +188,8 @@ def sheared_filter(c_min: float, c_max: float, rule: FilterRule) -> LayerFilter:
         The layer's slopes, ``c_min <= c_max``, in pixels per lens unit.
     rule : FilterRule
         Pixel filter, aperture and sampling.
+    sigma_x_limit : float
+        Largest screen-space extent, in pixels.
 
     Returns
     -------
@@ -190,8 +208,8 @@ def sheared_filter(c_min: float, c_max: float, rule: FilterRule) -> LayerFilter:
         # Eq. 12 and 16 give sigma_x = 1 / (π W) with W = |1/c_min - 1/c_max| / (2π sigma_u); written with the
         # product of the slopes it has no pole at the focal plane, and is infinite only for a single slope.
         product, spread = c_min * c_max, c_max - c_min
-        unlimited = product >= rule.max_sigma_x * spread / (2 * sigma_u)
-        sigma_x = rule.max_sigma_x if unlimited else 2 * sigma_u * product / spread
+        unlimited = product >= sigma_x_limit * spread / (2 * sigma_u)
+        sigma_x = sigma_x_limit if unlimited else 2 * sigma_u * product / spread
         center = 2 * product / (c_min + c_max)  # Eq. 13
         # Eq. 22, in terms of s = sigma_x / c_avg so that sigma_x = 0 needs no case of its own.
         s = sigma_x / center if center else 0.0
@@ -308,3 +326,4 @@ _POINT_VARIANCE = 1e-9  # bins²; a kernel this narrow is a single tap
 _BINS_PER_PIXEL = (1, 3, 5)
 _BINS_PER_SIGMA = 1.6
 _SIGMAS = 4.0
+_FULLY_OCCLUDED = 0.3  # the share of covering samples from which a layer counts as covered

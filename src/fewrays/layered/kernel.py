@@ -62,6 +62,7 @@ def native_rule(rule: FilterRule) -> _native.FilterRule:
         sigma_pix=rule.sigma_pix,
         sigma_u=rule.sigma_u,
         max_sigma_x=rule.max_sigma_x,
+        occluded_sigma_x=rule.occluded_sigma_x,
         sampling=_native.Sampling(("disc", "square", "gaussian").index(rule.sampling)),
         sampling_sigma=rule.sampling_sigma,
         aperture_moment=rule.aperture_moment,

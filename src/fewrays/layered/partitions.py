@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Layer", "Partitions", "active_layers"]
+__all__ = ["Layer", "Partitions", "active_layers", "occlusion"]
 
 
 @dataclass(frozen=True)
@@ -80,12 +80,57 @@ class Partitions:
 
 @dataclass(frozen=True)
 class Layer:
-    """Neighbouring partitions that are filtered as one, with the slopes that their samples really have."""
+    """Neighbouring partitions that are filtered as one, with what their samples really are.
+
+    Parameters
+    ----------
+    first, last : int
+        The partitions.
+    c_min, c_max : float
+        Smallest and largest slope in pixels.
+    count : int
+        Number of samples.
+    """
 
     first: int
     last: int
     c_min: float
     c_max: float
+    count: int
+
+    @property
+    def center(self) -> float:
+        """Central slope in pixels (Eq. 13); 0 for a layer that spans the focal plane."""
+        product = self.c_min * self.c_max
+        return 2 * product / (self.c_min + self.c_max) if product > 0 else 0.0
+
+
+def occlusion(layers: Sequence[Layer], index: int) -> float:
+    """Share of a tile's samples that cover a layer, weighted by how differently they shear.
+
+    Going from one lens point to another, a cover of slope c' moves over a surface of slope c by ``|c' - c|``
+    where the surface itself moves by ``|c|``: covers of about the same slope stay where they are, so that
+    neighbouring layers of one slanted surface hardly count. From twice the surface's own motion on, they
+    count in full.
+
+    Parameters
+    ----------
+    layers : sequence of Layer
+        All layers of a tile, front to back.
+    index : int
+        The layer in question.
+
+    Returns
+    -------
+    float
+        From 0 to 1.
+    """
+    slope = layers[index].center
+    covered = 0.0
+    for front in layers[:index]:
+        motion = abs(front.center - slope)
+        covered += front.count * (min(1.0, 0.5 * motion / abs(slope)) if slope else 1.0)
+    return covered / sum(layer.count for layer in layers)
 
 
 def active_layers(
@@ -111,7 +156,7 @@ def active_layers(
     layers = []
     for index in np.unique(partition):
         members = slope[partition == index]
-        layers.append(Layer(int(index), int(index), float(members.min()), float(members.max())))
+        layers.append(Layer(int(index), int(index), float(members.min()), float(members.max()), len(members)))
     while max_layers is not None and len(layers) > max_layers:
         joined = [_join(front, back) for front, back in itertools.pairwise(layers)]
         best = _cheapest(joined)
@@ -120,7 +165,7 @@ def active_layers(
 
 
 def _join(front: Layer, back: Layer) -> Layer:
-    return Layer(front.first, back.last, front.c_min, back.c_max)
+    return Layer(front.first, back.last, front.c_min, back.c_max, front.count + back.count)
 
 
 def _cheapest(layers: Sequence[Layer]) -> int:

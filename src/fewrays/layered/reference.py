@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from fewrays.layered.filters import ScreenKernel
-from fewrays.layered.partitions import Layer, active_layers
+from fewrays.layered.filters import LayerFilter, ScreenKernel
+from fewrays.layered.partitions import Layer, active_layers, occlusion
 from fewrays.layered.plan import Plan
 from fewrays.samples import SampleBuffer
 
@@ -67,8 +67,9 @@ def reconstruct_tile(
 
     radiance = np.zeros((plan.tile, plan.tile, 3))
     transmittance = np.ones((plan.tile, plan.tile))
-    for layer in layers:
-        layer_radiance, layer_opacity = filter_layer(inside, partition, layer, plan)
+    for index, layer in enumerate(layers):
+        layer_filter = plan.rule.filter(layer.c_min, layer.c_max, occlusion(layers, index))
+        layer_radiance, layer_opacity = filter_layer(inside, partition, layer, layer_filter, plan)
         radiance += transmittance[..., None] * layer_radiance
         transmittance *= 1 - layer_opacity
         if layer_images is not None:
@@ -83,7 +84,11 @@ def reconstruct_tile(
 
 
 def filter_layer(
-    samples: _TileSamples, partition: npt.NDArray[np.uint8], layer: Layer, plan: Plan
+    samples: _TileSamples,
+    partition: npt.NDArray[np.uint8],
+    layer: Layer,
+    layer_filter: LayerFilter,
+    plan: Plan,
 ) -> tuple[Float64, Float64]:
     """Average radiance and opacity of one layer over the lens, for a tile (Algorithm 1).
 
@@ -96,7 +101,6 @@ def filter_layer(
         Premultiplied by opacity.
     opacity : ndarray, (tile, tile)
     """
-    layer_filter = plan.rule.filter(layer.c_min, layer.c_max)
     kernel = plan.rule.kernel(layer_filter.variance, plan.ring)
     size = (plan.tile + 2 * plan.ring) * kernel.bins_per_pixel
     reached = partition >= layer.first

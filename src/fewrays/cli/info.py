@@ -1,0 +1,82 @@
+"""``fewrays info``: what a file of samples holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from tyro.conf import OmitArgPrefixes
+
+from fewrays.cli.command import Command, InputFlags, SamplesFile
+from fewrays.samples import SampleBuffer
+
+__all__ = ["Info", "describe"]
+
+_PERCENTILES = {"min": 0, "1%": 1, "25%": 25, "median": 50, "75%": 75, "99%": 99, "max": 100}
+
+
+@dataclass(frozen=True)
+class Info(Command):
+    """Show what a file of samples holds: size, fields, lens, blur, depth, placement.
+
+    The input options show it as another lens would see it.
+
+    Parameters
+    ----------
+    samples
+        The samples: .npz, version 1.3 (.tlfr, .bin, .txt), or deep .exr.
+    """
+
+    examples: ClassVar[tuple[str, ...]] = (
+        "fewrays info samples.npz",
+        "fewrays info samples.npz --focus-distance 3.5",
+    )
+
+    samples: SamplesFile
+    input: OmitArgPrefixes[InputFlags] = field(default_factory=InputFlags)
+
+    def run(self) -> None:
+        """Print the description."""
+        samples = self.input.load(self.samples)
+        lines = {"file": str(self.samples), **describe(samples)}
+        print("\n".join(f"{name:<10} {text}" for name, text in lines.items()))
+
+
+def describe(samples: SampleBuffer) -> dict[str, str]:
+    """Return what there is to say about samples, one short text per heading."""
+    lens, focus = samples.lens, samples.lens.focus_distance
+    total = samples.depth.size
+    own, off = placement(samples)
+    slope = np.percentile(samples.slope(), list(_PERCENTILES.values()))
+    depth = np.percentile(samples.depth, (0, 50, 100))
+    color = samples.color
+    return {
+        "size": f"{samples.width} x {samples.height} pixels, {samples.spp} spp, {total:,} samples",
+        "fields": f"{' '.join(samples.field_names())}; {samples.nbytes / 2**20:.1f} MiB in memory",
+        "lens": f"slope = {lens.c0:.6g} / depth + {lens.c1:.6g} px (c0, c1), focused at {focus:.6g}",
+        "aperture": f"{lens.aperture}, samples drawn from {lens.sampling}, sigma {lens.sigma:.6g}; "
+        f"worth {effective_spp(samples):.1f} spp for plain averaging",
+        "slope": ", ".join(f"{name} {value:.4g}" for name, value in zip(_PERCENTILES, slope, strict=True))
+        + " px",
+        "depth": f"{depth[0]:.6g} to {depth[2]:.6g}, median {depth[1]:.6g}",
+        "radiance": f"{color.min():.4g} to {color.max():.4g}, mean {color.mean(dtype=np.float64):.4g}",
+        "placement": f"{own:.2%} of the samples lie in their own pixel, {off:.2%} off the image",
+    }
+
+
+def placement(samples: SampleBuffer) -> tuple[float, float]:
+    """Return the shares of samples that lie in their own pixel, and off the image."""
+    x, y = samples.xy[..., 0], samples.xy[..., 1]
+    columns = np.arange(samples.width, dtype=np.float32)[None, :, None]
+    rows = np.arange(samples.height, dtype=np.float32)[:, None, None]
+    own = (x >= columns) & (x < columns + 1) & (y >= rows) & (y < rows + 1)
+    off = (x < 0) | (x >= samples.width) | (y < 0) | (y >= samples.height)
+    return float(own.mean()), float(off.mean())
+
+
+def effective_spp(samples: SampleBuffer) -> float:
+    """Return the equally weighted samples per pixel that average to the same variance: (Σw)² / Σw²."""
+    weights = samples.lens.weights(samples.uv).astype(np.float64, copy=False)
+    squares = float(np.square(weights).sum())
+    return samples.spp * float(weights.sum()) ** 2 / (squares * weights.size) if squares else 0.0

@@ -1,0 +1,145 @@
+"""``fewrays reconstruct``: samples in, image out, with any method.
+
+``--method`` is an ordinary flag, yet it decides which other flags there are: it is looked up first, and the
+parser is then built with that method's options dataclass. The flags cannot drift apart from the API.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar, cast
+
+import numpy.typing as npt
+from tyro.conf import OmitArgPrefixes, arg
+
+from fewrays import __version__
+from fewrays.cli.command import (
+    IMAGE_SUFFIXES,
+    Command,
+    InputFlags,
+    SamplesFile,
+    check_output,
+    report,
+    stopwatch,
+)
+from fewrays.errors import SampleError
+from fewrays.io import save_image
+from fewrays.parallel import Execution
+from fewrays.reconstruct import METHODS, find_method, run_method
+
+__all__ = ["Reconstruct", "reconstruct_type"]
+
+Options = TypeVar("Options")
+
+DEFAULT_METHOD = next(iter(METHODS))
+
+
+def reconstruct_type(arguments: Sequence[str]) -> type[Reconstruct[Any]]:
+    """Return the command type with the options of the method that the arguments name.
+
+    Raises
+    ------
+    SampleError
+        For an unknown method.
+    """
+    name = DEFAULT_METHOD
+    for flag, value in zip(arguments, [*arguments[1:], ""], strict=True):
+        if flag == "--method":
+            name = value
+        elif flag.startswith("--method="):
+            name = flag.removeprefix("--method=")
+    return cast("type[Reconstruct[Any]]", cast(Any, Reconstruct)[find_method(name).options])
+
+
+@dataclass(frozen=True)
+class Reconstruct(Command, Generic[Options]):
+    """Reconstruct a clean image from samples.
+
+    Each method has its own options: 'fewrays reconstruct --method NAME --help' shows them.
+
+    Parameters
+    ----------
+    samples
+        The samples: .npz, version 1.3 (.tlfr, .bin, .txt), or deep .exr.
+    out
+        The image to write: .exr (linear, with provenance in its header), .png (sRGB) or .npy.
+    method
+        How to reconstruct.
+    device
+        'auto' is the method's fastest; 'reference' runs its plain NumPy definition, slowly.
+    threads
+        Threads to use; all usable cores when omitted. The result does not depend on it.
+    exposure
+        Brightening of a .png, in stops.
+    aovs
+        Also write the method's further outputs into this directory, as .exr files.
+    """
+
+    examples: ClassVar[tuple[str, ...]] = (
+        "fewrays reconstruct samples.npz --out clean.exr",
+        "fewrays reconstruct samples.npz --out clean.png --exposure 1 --focus-distance 3.5",
+        "fewrays reconstruct samples.npz --out box.exr --method box",
+    )
+
+    samples: SamplesFile
+    out: Path
+    method: Annotated[str, arg(metavar="{" + ",".join(METHODS) + "}")] = DEFAULT_METHOD
+    device: Literal["auto", "cpu", "reference"] = "auto"
+    threads: int | None = None
+    exposure: float = 0.0
+    aovs: Annotated[Path | None, arg(metavar="DIR")] = None
+    input: OmitArgPrefixes[InputFlags] = field(default_factory=InputFlags)
+    options: Annotated[OmitArgPrefixes[Options], arg(name="method")] = field(kw_only=True)
+
+    @classmethod
+    def description(cls) -> str:
+        """Return the text at the top of ``--help``, with the methods and what they are."""
+        methods = "\n".join(f"  {name:<22}{method.summary}" for name, method in METHODS.items())
+        return f"{super().description()}\n\nmethods:\n{methods}"
+
+    def run(self) -> None:
+        """Load, reconstruct, save."""
+        check_output(self.out, IMAGE_SUFFIXES)
+        if self.exposure and self.out.suffix.lower() != ".png":
+            raise SampleError("is for .png; other formats store the radiance itself", field="exposure")
+        if self.aovs is not None and self.aovs.exists() and not self.aovs.is_dir():
+            raise SampleError("is not a directory", file=self.aovs)
+        method = find_method(self.method)
+        execution = Execution(self.device, self.threads, progress=True, aovs=self.aovs is not None)
+        samples = self.input.load(self.samples)
+        with stopwatch() as watch:
+            result = run_method(samples, method, self.options, execution)
+        provenance = {
+            "software": f"fewrays {__version__}",
+            "method": method.name,
+            "options": ", ".join(f"{k}={v}" for k, v in asdict(cast(Any, self.options)).items()),
+            "lens": str(samples.lens),
+            "samples": self.samples.name,
+        }
+        save_image(self.out, result.image, exposure=self.exposure, provenance=provenance)
+        if self.aovs is not None:
+            save_aovs(self.aovs, result.aovs, provenance)
+        report(method.name, samples, watch, self.out)
+
+
+def save_aovs(directory: Path, aovs: Mapping[str, npt.NDArray[Any]], provenance: Mapping[str, str]) -> None:
+    """Write each output as ``NAME.exr``, or as ``NAME.00.exr``, ``NAME.01.exr`` and so on per layer.
+
+    Parameters
+    ----------
+    directory : path
+        Made when it does not exist.
+    aovs : mapping of str to ndarray
+        Shapes ``(H, W)``, ``(H, W, layers)`` or ``(H, W, layers, 3)``.
+    provenance : mapping
+        For the files' headers.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    for name, array in aovs.items():
+        if array.ndim == 2:
+            save_image(directory / f"{name}.exr", array, provenance=provenance)
+            continue
+        for layer in range(array.shape[2]):
+            save_image(directory / f"{name}.{layer:02}.exr", array[:, :, layer], provenance=provenance)
