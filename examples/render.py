@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from fewrays.sources import mitsuba as source
 SCENES = ("foliage", "citadel", "serpent")
 SIGMA = 1 / 3
 BATCH_SPP = 16
+PIXEL_FILTERS = {"gaussian": PixelFilter("gaussian", 0.5), "box": PixelFilter("box")}
 
 
 def main() -> None:
@@ -80,14 +82,39 @@ def render_samples(scene: Any, sampling: Any, spp: int, options: argparse.Namesp
 
 
 def render_reference(scene: Any, name: str, options: argparse.Namespace) -> None:
-    """Accumulate importance-sampled batches under both pixel filters, and save images and noise levels."""
-    size = (options.height, options.width)
-    filters = {
-        "gaussian": Accumulator(*size, PixelFilter("gaussian", 0.5)),
-        "box": Accumulator(*size, PixelFilter("box")),
+    """Save images under both pixel filters, and how noisy they are."""
+    accumulators = accumulate_reference(
+        scene,
+        (options.height, options.width),
+        PIXEL_FILTERS,
+        spp=options.reference_spp,
+        shading_spp=options.reference_shading_spp,
+    )
+    record: dict[str, Any] = {
+        "scene": name,
+        "width": options.width,
+        "height": options.height,
+        "aperture": "gaussian",
+        "sigma": SIGMA,
+        "spp": options.reference_spp,
+        "shading_spp": options.reference_shading_spp,
+        "noise_psnr_gamma22_db": {},
     }
-    batches = max(2, options.reference_spp // BATCH_SPP)
-    with progress_bar(batches, f"{name} reference", show=True, unit="batch") as bar:
+    for label, accumulator in accumulators.items():
+        path = options.out / f"{name}_reference_{label}.exr"
+        fewrays.save_image(path, accumulator.image())
+        record["noise_psnr_gamma22_db"][label] = round(accumulator.noise_psnr(), 2)
+        print(path, f"noise {accumulator.noise_psnr():.1f} dB")
+    (options.out / f"{name}_reference.json").write_text(json.dumps(record, indent=2) + "\n")
+
+
+def accumulate_reference(
+    scene: Any, size: tuple[int, int], filters: Mapping[str, PixelFilter], *, spp: int, shading_spp: int = 1
+) -> dict[str, Accumulator]:
+    """Accumulate importance-sampled batches of a scene under each of the pixel filters."""
+    accumulators = {label: Accumulator(*size, pixel_filter) for label, pixel_filter in filters.items()}
+    batches = max(2, -(-spp // BATCH_SPP))
+    with progress_bar(batches, "reference", show=True, unit="batch") as bar:
         for number in range(batches):
             samples = source.render(
                 scene,
@@ -95,27 +122,12 @@ def render_reference(scene: Any, name: str, options: argparse.Namespace) -> None
                 aperture="gaussian",
                 sigma=SIGMA,
                 seed=1000 + number,
-                shading_spp=options.reference_shading_spp,
+                shading_spp=shading_spp,
             )
-            for accumulator in filters.values():
+            for accumulator in accumulators.values():
                 accumulator.add(samples)
             bar.update(1)
-    record: dict[str, Any] = {
-        "scene": name,
-        "width": options.width,
-        "height": options.height,
-        "aperture": "gaussian",
-        "sigma": SIGMA,
-        "spp": batches * BATCH_SPP,
-        "shading_spp": options.reference_shading_spp,
-        "noise_psnr_gamma22_db": {},
-    }
-    for label, accumulator in filters.items():
-        path = options.out / f"{name}_reference_{label}.exr"
-        fewrays.save_image(path, accumulator.image())
-        record["noise_psnr_gamma22_db"][label] = round(accumulator.noise_psnr(), 2)
-        print(path, f"noise {accumulator.noise_psnr():.1f} dB")
-    (options.out / f"{name}_reference.json").write_text(json.dumps(record, indent=2) + "\n")
+    return accumulators
 
 
 if __name__ == "__main__":

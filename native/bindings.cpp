@@ -59,11 +59,10 @@ NB_MODULE(_native, m) {
             "__init__",
             [](FilterRule* self, FilterFamily family, double sigma_pix, double sigma_u, double max_sigma_x,
                double occluded_sigma_x, Sampling sampling, double sampling_sigma, double aperture_moment, double k) {
-                new (self) FilterRule{family,   sigma_pix,      sigma_u,         max_sigma_x, occluded_sigma_x,
-                                      sampling, sampling_sigma, aperture_moment, k};
+                new (self) FilterRule{family,         sigma_pix,       sigma_u, max_sigma_x, occluded_sigma_x, sampling,
+                                      sampling_sigma, aperture_moment, k};
             },
-            nb::kw_only(), "family"_a, "sigma_pix"_a, "sigma_u"_a, "max_sigma_x"_a,
-            "occluded_sigma_x"_a, "sampling"_a,
+            nb::kw_only(), "family"_a, "sigma_pix"_a, "sigma_u"_a, "max_sigma_x"_a, "occluded_sigma_x"_a, "sampling"_a,
             "sampling_sigma"_a, "aperture_moment"_a, "k"_a);
 
     m.def(
@@ -87,9 +86,8 @@ NB_MODULE(_native, m) {
         .def(
             "__init__",
             [](Samples* self, Array<const float, -1, -1, -1, 2> xy, Array<const float, -1, -1, -1, 2> uv,
-               Array<const float, -1, -1, -1> depth, Array<const float, -1, -1, -1, 3> color, float c0, float c1) {
-                new (self) Samples(make_samples(xy, uv, depth, color, c0, c1));
-            },
+               Array<const float, -1, -1, -1> depth, Array<const float, -1, -1, -1, 3> color, float c0,
+               float c1) { new (self) Samples(make_samples(xy, uv, depth, color, c0, c1)); },
             nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>(), nb::keep_alive<1, 5>(), "xy"_a,
             "uv"_a, "depth"_a, "color"_a, "c0"_a, "c1"_a);
 
@@ -98,8 +96,7 @@ NB_MODULE(_native, m) {
         [](const Samples& samples, int block, float margin, int first, int last, Array<float, -1, -1, 4> extents) {
             block_extents(samples, block, margin, first, last, reinterpret_cast<Extent*>(extents.data()));
         },
-        "samples"_a, "block"_a, "margin"_a, "first"_a, "last"_a, "extents"_a,
-        nb::call_guard<nb::gil_scoped_release>());
+        "samples"_a, "block"_a, "margin"_a, "first"_a, "last"_a, "extents"_a, nb::call_guard<nb::gil_scoped_release>());
 
     nb::class_<LayeredPlan>(m, "LayeredPlan")
         .def(
@@ -123,8 +120,8 @@ NB_MODULE(_native, m) {
 
     m.def(
         "layered_tiles",
-        [](const Samples& samples, Array<const float, -1, -1, 4> extents, int block, const LayeredPlan& plan,
-           int first, int last, Array<float, -1, -1, 3> image, Array<std::int32_t, -1> counts,
+        [](const Samples& samples, Array<const float, -1, -1, 4> extents, int block, const LayeredPlan& plan, int first,
+           int last, Array<float, -1, -1, 3> image, Array<std::int32_t, -1> counts,
            std::optional<Array<float, -1, -1, -1, 4>> layer_images) {
             const LayeredOutput output{image.data(), counts.data(), layer_images ? layer_images->data() : nullptr,
                                        layer_images ? static_cast<int>(layer_images->shape(2)) : 0};

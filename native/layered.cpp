@@ -115,9 +115,9 @@ FEWRAYS_INLINE void blur_patch(const float* FEWRAYS_RESTRICT in, std::ptrdiff_t 
 }
 
 // Blurs along rows or along columns, whichever `offsets` and `row_step` say.
-FEWRAYS_CLONES void blur(const float* FEWRAYS_RESTRICT in, std::ptrdiff_t row_step, float* FEWRAYS_RESTRICT out, int rows,
-                         int columns, const float* FEWRAYS_RESTRICT taps, const std::int32_t* FEWRAYS_RESTRICT offsets,
-                         int tap_count) {
+FEWRAYS_CLONES void blur(const float* FEWRAYS_RESTRICT in, std::ptrdiff_t row_step, float* FEWRAYS_RESTRICT out,
+                         int rows, int columns, const float* FEWRAYS_RESTRICT taps,
+                         const std::int32_t* FEWRAYS_RESTRICT offsets, int tap_count) {
     for (int column = 0; column < columns; column += columns_at_once) {
         int row = 0;
         for (; row + 4 <= rows; row += 4)
@@ -131,8 +131,8 @@ FEWRAYS_CLONES void blur(const float* FEWRAYS_RESTRICT in, std::ptrdiff_t row_st
 
 // Bins and weights of `n` samples, whose positions are relative to the outer tile.
 FEWRAYS_CLONES void bins_and_weights(const float* FEWRAYS_RESTRICT x, const float* FEWRAYS_RESTRICT y,
-                                     const float* FEWRAYS_RESTRICT u, const float* FEWRAYS_RESTRICT v, int n,
-                                     float eta, float falloff, float corner, float side, const BinWindow& window,
+                                     const float* FEWRAYS_RESTRICT u, const float* FEWRAYS_RESTRICT v, int n, float eta,
+                                     float falloff, float corner, float side, const BinWindow& window,
                                      std::int32_t* FEWRAYS_RESTRICT bins, float* FEWRAYS_RESTRICT weights) {
     const auto bins_per_pixel = static_cast<float>(window.bins_per_pixel);
     const int segment = window.segment, stride = window.stride, size = window.size, per_pixel = window.bins_per_pixel;
@@ -149,10 +149,9 @@ FEWRAYS_CLONES void bins_and_weights(const float* FEWRAYS_RESTRICT x, const floa
 }
 
 // Composites one layer behind what is there (Eq. 35) and leaves its normalised radiance and opacity in `sums`.
-FEWRAYS_CLONES void composite(float* FEWRAYS_RESTRICT red, float* FEWRAYS_RESTRICT green,
-                              float* FEWRAYS_RESTRICT blue, float* FEWRAYS_RESTRICT hits,
-                              const float* FEWRAYS_RESTRICT total, float* FEWRAYS_RESTRICT radiance,
-                              float* FEWRAYS_RESTRICT transmittance, int n) {
+FEWRAYS_CLONES void composite(float* FEWRAYS_RESTRICT red, float* FEWRAYS_RESTRICT green, float* FEWRAYS_RESTRICT blue,
+                              float* FEWRAYS_RESTRICT hits, const float* FEWRAYS_RESTRICT total,
+                              float* FEWRAYS_RESTRICT radiance, float* FEWRAYS_RESTRICT transmittance, int n) {
     for (int i = 0; i < n; ++i) {
         const float reciprocal = total[i] > min_weight ? 1.0f / std::max(total[i], min_weight) : 0.0f;
         red[i] *= reciprocal;
@@ -188,8 +187,8 @@ public:
         std::fill(transmittance_.begin(), transmittance_.end(), 1.0f);
         for (const Layer& layer : layers_) {
             filter(layer);
-            composite(sum(red), sum(green), sum(blue), sum(hits), sum(total), radiance_.data(),
-                      transmittance_.data(), pixels_);
+            composite(sum(red), sum(green), sum(blue), sum(hits), sum(total), radiance_.data(), transmittance_.data(),
+                      pixels_);
             if (output.layer_images) store_layer(layer, row, column, output);
         }
         output.counts[tile] = static_cast<std::int32_t>(layers_.size());

@@ -14,15 +14,15 @@ struct LayeredPlan {
     // Partition of a slope c: partition_of_bin[clamp(floor(c * bins_per_pixel) - first_bin)].
     float bins_per_pixel;
     int first_bin, bin_count, partition_count;
-    const std::uint8_t* partition_of_bin;  // (bin_count)
+    const std::uint8_t* partition_of_bin;   // (bin_count)
     const std::int32_t* slot_of_partition;  // (partition_count): place in the per-layer images, or -1
     FilterRule rule;
 };
 
 struct LayeredOutput {
-    float* image;           // (H, W, 3)
-    std::int32_t* counts;   // (tiles): active layers
-    float* layer_images;    // (H, W, slots, 4): radiance and opacity of each layer, or null
+    float* image;          // (H, W, 3)
+    std::int32_t* counts;  // (tiles): active layers
+    float* layer_images;   // (H, W, slots, 4): radiance and opacity of each layer, or null
     int slots;
 };
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from agreement import assert_agree
-from buffers import random_buffer
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from agreement import assert_agree
+from buffers import random_buffer
 from fewrays import Lens, SampleBuffer, SampleError, reconstruct
 from fewrays.lens import Aperture, Sampling
 from fewrays.samples import OFF_IMAGE

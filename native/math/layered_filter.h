@@ -49,8 +49,7 @@ FEWRAYS_HD inline LayerFilter axis_aligned_filter(double c_min, double c_max, co
     const bool crosses = c_min <= 0 && c_max >= 0;
     const double nearest = crosses ? 0.0 : std::fmin(std::fabs(c_min), std::fabs(c_max));
     const double sigma = std::fmin(std::fmax(nearest * rule.sigma_u / rule.k, rule.sigma_pix), rule.max_sigma_x);
-    const double density =
-        rule.sampling == Sampling::gaussian ? 1 / (rule.sampling_sigma * rule.sampling_sigma) : 0.0;
+    const double density = rule.sampling == Sampling::gaussian ? 1 / (rule.sampling_sigma * rule.sampling_sigma) : 0.0;
     const double falloff = 0.5 * std::fmax(1 / (rule.sigma_u * rule.sigma_u) - density, 0.0);
     return {0.0, sigma * sigma, falloff};
 }

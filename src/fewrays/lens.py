@@ -53,8 +53,8 @@ class Lens:
     Raises
     ------
     SampleError
-        For coefficients that are not finite or beyond 1e30, ``c0 > 0``, an unknown aperture or sampling, or a `sigma` outside
-        0.001 to 1000.
+        For coefficients that are not finite or beyond 1e30, ``c0 > 0``, an unknown aperture or sampling, or
+        a `sigma` outside 0.001 to 1000.
 
     Examples
     --------
@@ -77,7 +77,9 @@ class Lens:
             except (TypeError, ValueError):
                 raise SampleError(f"expected a number, got {value!r}", field=f"lens.{name}") from None
             if not abs(number) <= _LARGEST:
-                raise SampleError(f"expected a finite number up to {_LARGEST:g}, got {value!r}", field=f"lens.{name}")
+                raise SampleError(
+                    f"expected a finite number up to {_LARGEST:g}, got {value!r}", field=f"lens.{name}"
+                )
             object.__setattr__(self, name, number)
         if self.c0 > 0:
             raise SampleError(
@@ -85,15 +87,18 @@ class Lens:
                 "c0 is at most 0 (negate u, v and both coefficients if your renderer mirrors the lens)",
                 field="lens.c0",
             )
-        if not _SIGMA_RANGE[0] <= self.sigma <= _SIGMA_RANGE[1]:
+        least, most = _SIGMA_RANGE
+        if not least <= self.sigma <= most:
             raise SampleError(
-                f"expected a number from {_SIGMA_RANGE[0]} to {_SIGMA_RANGE[1]:g} lens radii, got {self.sigma:g}",
+                f"expected a number from {least} to {most:g} lens radii, got {self.sigma:g}",
                 field="lens.sigma",
             )
         for name, choices in (("aperture", get_args(Aperture)), ("sampling", get_args(Sampling))):
             value = getattr(self, name)
             if value not in choices:
-                raise SampleError(f"expected one of {', '.join(choices)}; got {value!r}", field=f"lens.{name}")
+                raise SampleError(
+                    f"expected one of {', '.join(choices)}; got {value!r}", field=f"lens.{name}"
+                )
 
     @classmethod
     def thin_lens(
@@ -229,7 +234,9 @@ class Lens:
             For a focus distance that is not positive or a scale that is negative or not finite.
         """
         if not (math.isfinite(aperture_scale) and aperture_scale >= 0):
-            raise SampleError(f"expected a finite number >= 0, got {aperture_scale!r}", field="aperture_scale")
+            raise SampleError(
+                f"expected a finite number >= 0, got {aperture_scale!r}", field="aperture_scale"
+            )
         c1 = self.c1
         if focus_distance is not None:
             _require_positive(focus_distance=focus_distance)

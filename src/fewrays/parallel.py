@@ -55,7 +55,7 @@ def usable_cores() -> int:
 
 
 def progress_bar(total: int, label: str, *, show: bool, unit: str = "it") -> tqdm:
-    """Return a bar on stderr that appears once the work has taken two seconds; none where stderr is a file."""
+    """Return a bar on stderr that appears once the work has taken two seconds; none when it is a file."""
     return tqdm(
         total=total,
         desc=label,

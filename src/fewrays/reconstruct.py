@@ -92,7 +92,8 @@ def reconstruct(
     for name in options:
         if name not in known:
             raise SampleError(
-                f"method {chosen.name!r} has no such option; it takes {', '.join(known) or 'none'}", field=name
+                f"method {chosen.name!r} has no such option; it takes {', '.join(known) or 'none'}",
+                field=name,
             )
     execution = Execution(device=device, threads=threads, progress=progress, aovs=aovs)
     result = run_method(samples, chosen, chosen.options(**options), execution)
@@ -104,7 +105,9 @@ def find_method(name: str) -> Method:
     try:
         return METHODS[name]
     except KeyError:
-        raise SampleError(f"unknown method {name!r}; choose from {', '.join(METHODS)}", field="method") from None
+        raise SampleError(
+            f"unknown method {name!r}; choose from {', '.join(METHODS)}", field="method"
+        ) from None
 
 
 def run_method(samples: SampleBuffer, method: Method, options: Any, execution: Execution) -> Reconstruction:
@@ -112,7 +115,8 @@ def run_method(samples: SampleBuffer, method: Method, options: Any, execution: E
     device = method.devices[0] if execution.device == "auto" else execution.device
     if device not in method.devices:
         raise SampleError(
-            f"method {method.name!r} runs on {', '.join(method.devices)}; got {execution.device!r}", field="device"
+            f"method {method.name!r} runs on {', '.join(method.devices)}; got {execution.device!r}",
+            field="device",
         )
     if not isinstance(samples, SampleBuffer):
         raise SampleError(f"expected a fewrays.SampleBuffer, got {type(samples).__name__}", field="samples")

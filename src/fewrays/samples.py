@@ -28,7 +28,7 @@ MAX_SAMPLES = 2**31
 """Largest number of samples in one buffer."""
 
 OFF_IMAGE = -(2.0**20)
-"""Image coordinate where dropped samples are parked: far outside every image, so that nothing gathers them."""
+"""Image coordinate where dropped samples are parked, so far outside that nothing gathers them."""
 
 _LENS_TOLERANCE = 1e-4
 
@@ -176,7 +176,9 @@ def _check_shapes(arrays: dict[str, Float32]) -> None:
         raise SampleError(f"expected shape (H, W, S), got {depth.shape}", field="depth")
     height, width, spp = depth.shape
     if min(depth.shape) < 1:
-        raise SampleError(f"expected at least one pixel and one sample, got shape {depth.shape}", field="depth")
+        raise SampleError(
+            f"expected at least one pixel and one sample, got shape {depth.shape}", field="depth"
+        )
     if max(height, width) > MAX_IMAGE_SIZE or depth.size > MAX_SAMPLES:
         raise SampleError(
             f"{width} x {height} pixels with {spp} spp is over the cap of {MAX_IMAGE_SIZE} pixels a side and "
@@ -206,8 +208,8 @@ def _check_finite(arrays: dict[str, Float32], *, drop: bool) -> dict[str, Float3
         if not drop:
             index = _first(~finite)
             raise SampleError(
-                f"{finite.size - int(finite.sum())} of {finite.size} values are NaN or infinite, the first at "
-                f"{list(index)}: {array[index]}; mend the renderer's output or pass nan='drop'",
+                f"{finite.size - int(finite.sum())} of {finite.size} values are NaN or infinite, the first "
+                f"at {list(index)}: {array[index]}; mend the renderer's output or pass nan='drop'",
                 field=name,
             )
         bad |= ~(finite if finite.ndim == 3 else finite.all(axis=-1))
@@ -245,7 +247,11 @@ def _check_values(arrays: dict[str, Float32], lens: Lens) -> None:
     with np.errstate(over="ignore"):
         slope = lens.slope(arrays["depth"])
     _check_range(
-        "depth", slope, np.isfinite, "its slope c0 / depth + c1 overflows: the depth is too small", arrays["depth"]
+        "depth",
+        slope,
+        np.isfinite,
+        "its slope c0 / depth + c1 overflows: the depth is too small",
+        arrays["depth"],
     )
 
 

@@ -7,7 +7,12 @@ import numpy.typing as npt
 
 
 def assert_agree(
-    actual: npt.ArrayLike, expected: npt.ArrayLike, *, tolerance: float, flips: float = 0.0, jump: float = np.inf
+    actual: npt.ArrayLike,
+    expected: npt.ArrayLike,
+    *,
+    tolerance: float,
+    flips: float = 0.0,
+    jump: float = np.inf,
 ) -> None:
     """Assert that arrays agree to `tolerance`, but for a share of at most `flips` pixels.
 

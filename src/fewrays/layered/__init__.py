@@ -7,6 +7,7 @@ NumPy, `filters` and `partitions` hold its mathematics, `plan` what all tiles sh
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -66,17 +67,17 @@ class LayeredOptions(_TileOptions):
     screen_filter: Literal["matched", "paper"] = "matched"
     """Widths of the screen-space filters: matched in variance to what aperture and pixel filter make of a
     point, on fine bins, or as published (which leaves out the narrower of the two)."""
-    occluded_sigma_x: float = 2.5
+    occluded_sigma_x: float | None = None
     """Largest screen-space extent of the filter of a layer that others cover, in pixels: small for correct
-    occlusion, large for less noise. The published method has no such limit: give max_sigma_x's value."""
+    occlusion, large for less noise. 5 / sqrt(samples per pixel) by default. The published method does not
+    treat such layers differently: give max_sigma_x's value for that."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         known = self.screen_filter in ("matched", "paper")
         _require("screen_filter", self.screen_filter, known, "'matched' or 'paper'")
-        _require(
-            "occluded_sigma_x", self.occluded_sigma_x, 0.5 <= self.occluded_sigma_x, "of at least 0.5 px"
-        )
+        occluded = self.occluded_sigma_x
+        _require("occluded_sigma_x", occluded, occluded is None or occluded >= 0.1, "of at least 0.1 px")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,12 +98,15 @@ def _require(name: str, value: object, accepted: bool, allowed: str) -> None:
 
 
 def _run_sheared(samples: SampleBuffer, options: LayeredOptions, execution: Execution) -> Reconstruction:
+    occluded_sigma_x = options.occluded_sigma_x
+    if occluded_sigma_x is None:  # noise falls with the samples under the filter, sigma_x² spp
+        occluded_sigma_x = _OCCLUDED_SIGMA_X / math.sqrt(samples.spp)
     rule = FilterRule.for_lens(
         samples.lens,
         options.screen_filter,
         sigma_pix=options.sigma_pix,
         max_sigma_x=options.max_sigma_x,
-        occluded_sigma_x=options.occluded_sigma_x,
+        occluded_sigma_x=occluded_sigma_x,
     )
     return _run(samples, options, rule, execution)
 
@@ -183,6 +187,8 @@ def _spread_over_tiles(counts: npt.NDArray[np.int32], plan: Plan) -> npt.NDArray
     blocks = counts.reshape(-1, plan.tile_columns).astype(np.float32)
     return np.kron(blocks, np.ones((plan.tile, plan.tile), np.float32))[: plan.height, : plan.width]
 
+
+_OCCLUDED_SIGMA_X = 5.0  # pixels, at one sample per pixel
 
 METHOD = Method(
     name="layered",

@@ -14,8 +14,8 @@ separable blur (section 3.5). This module derives eta, sigma_screen and falloff 
 - *axis-aligned*, when the layer spans the focal plane: Eq. 11.
 
 **Matched widths.** The paper's filter bounds the spectrum by the pixel's or the aperture's band limit,
-whichever is tighter, so a defocused point comes out narrower than pixel filter and aperture together make it,
-and lens samples that end at the rim, bins of one pixel and a tile ring that cuts the kernel add errors of their
+whichever is tighter, so a defocused point comes out narrower than pixel filter and aperture together make it.
+Lens samples that end at the rim, bins of one pixel and a tile ring that cuts the kernel add errors of their
 own. All of these are errors of the second moment, and the screen-space filter can absorb them: scattering a
 plane of slope c leaves a residual shear ``c - eta`` over the lens, so the image of a point has the variance
 
@@ -24,9 +24,9 @@ plane of slope c leaves a residual shear ``c - eta`` over the lens, so the image
 with m the second moment along one axis. ``screen_filter="matched"`` solves this at the layer's central slope;
 ``"paper"`` keeps the published widths.
 
-**Bins.** Samples are rounded to bins before the blur. Bins of a pixel, as published, are too coarse for a filter
-of half a pixel: it becomes a staircase, and edges in focus lose ten decibels. A matched filter uses bins of at
-most half its standard deviation, subtracts their variance from the blur, and ends the blur at four standard
+**Bins.** Samples are rounded to bins before the blur. Bins of a pixel, as published, are too coarse for a
+filter of half a pixel: it becomes a staircase, and edges in focus suffer. A matched filter uses bins finer
+than its standard deviation, subtracts their variance from the blur, and ends the blur at four standard
 deviations.
 
 **Occluded layers.** A wide filter takes a surface point's radiance from rays through other parts of the lens
@@ -276,7 +276,7 @@ def lens_moment(precision: float, sampling: Sampling) -> float:
 
 
 def screen_taps(variance: float, radius: int, *, exact: bool) -> Float64:
-    """Sampled Gaussian of the given variance, normalised, cut off at `radius` bins.
+    """Sample a Gaussian of the given variance, cut it off at `radius` bins and normalise it.
 
     Parameters
     ----------

@@ -36,9 +36,9 @@ class Partitions:
     ) -> Partitions:
         """Partition so that every layer's worst-case filter has the same energy.
 
-        A layer's filter has the energy ``sigma_x sigma_u`` with ``sigma_x = 2 sigma_u / |1/c_min - 1/c_max|``
-        (Eq. 12 and 16), so equal energies mean boundaries uniform in 1/c. With the worst case at the largest
-        ``sigma_x`` that is used, they lie at ``|c| = max_sigma_x / (2 sigma_u k)``, k = 1, 2, …; the outermost
+        A layer's filter has energy ``sigma_x sigma_u``, with ``sigma_x = 2 sigma_u / |1/c_min - 1/c_max|``
+        (Eq. 12 and 16): equal energies mean boundaries uniform in 1/c. With the worst case at the largest
+        ``sigma_x`` in use, they lie at ``|c| = max_sigma_x / (2 sigma_u k)``, k = 1, 2, …; the outermost
         partitions reach to infinity and the innermost to the focal plane.
 
         Parameters

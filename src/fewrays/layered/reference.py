@@ -140,7 +140,7 @@ def _gather(samples: SampleBuffer, row: int, column: int, size: int) -> _TileSam
 
 
 def _blur_matrix(kernel: ScreenKernel, tile: int, ring: int) -> Float64:
-    """Matrix (pixels of the tile, bins of the outer tile) that blurs one axis and keeps the pixels' centres."""
+    """Matrix (pixels of the tile, bins of the outer tile): blurs one axis and keeps the pixels' centres."""
     center = (np.arange(tile)[:, None] + ring + 0.5) * kernel.bins_per_pixel - 0.5
     distance = np.abs(np.arange((tile + 2 * ring) * kernel.bins_per_pixel)[None, :] - center).astype(np.int64)
     return np.where(distance <= kernel.radius, kernel.taps[np.minimum(distance, kernel.radius)], 0.0)
