@@ -196,8 +196,8 @@ class TestNativeTwin:
 
 class TestPartitions:
     def test_published_boundaries(self) -> None:
-        """With sigma_u = 1/3 and 8 px, boundaries lie at |C| = 12 / k px, rounded to bins of half a pixel."""
-        partitions = Partitions.of_constant_energy(15, sigma_u=1 / 3, max_sigma_x=8.0, bin_size=0.5)
+        """With sigma_u = 1/3 and 8 px boundaries lie at |C| = 12 / k px, rounded to bins of half a pixel."""
+        partitions = Partitions.of_constant_energy(15, sigma_u=1 / 3, sigma_x=8.0, bin_size=0.5)
         slopes = np.arange(-20, 20, 0.25, dtype=np.float32) + np.float32(0.125)
         changes = slopes[1:][np.diff(partitions.of_slope(slopes).astype(int)) != 0] - 0.125
         one_side = [1, 1.5, 2, 2.5, 3, 4, 6, 12]
@@ -205,7 +205,7 @@ class TestPartitions:
 
     def test_worst_case_filters_have_equal_energy(self) -> None:
         """sigma_x of Eq. 16 is the same for every bounded partition, when bins are fine."""
-        partitions = Partitions.of_constant_energy(15, sigma_u=1 / 3, max_sigma_x=8.0, bin_size=1e-4)
+        partitions = Partitions.of_constant_energy(15, sigma_u=1 / 3, sigma_x=8.0, bin_size=1e-4)
         changes = partitions.first_bin + 1 + np.flatnonzero(np.diff(partitions.table.astype(int)))
         boundaries = [b * 1e-4 for b in changes if b > 0]
         for c_min, c_max in itertools.pairwise(boundaries):
@@ -215,13 +215,13 @@ class TestPartitions:
     def test_partitions_are_ordered_front_to_back(
         self, cs: list[float], per_side: int, bin_size: float
     ) -> None:
-        partitions = Partitions.of_constant_energy(per_side, sigma_u=0.5, max_sigma_x=8.0, bin_size=bin_size)
+        partitions = Partitions.of_constant_energy(per_side, sigma_u=0.5, sigma_x=8.0, bin_size=bin_size)
         index = partitions.of_slope(np.sort(np.array(cs, np.float32)))
         assert (np.diff(index.astype(int)) >= 0).all()
         assert index.max() < partitions.count
 
     def test_extreme_slopes_fall_into_the_end_partitions(self) -> None:
-        partitions = Partitions.of_constant_energy(15, sigma_u=1 / 3, max_sigma_x=8.0, bin_size=0.5)
+        partitions = Partitions.of_constant_energy(15, sigma_u=1 / 3, sigma_x=8.0, bin_size=0.5)
         assert partitions.of_slope(np.array([-3e38, 3e38], np.float32)).tolist() == [0, partitions.count - 1]
 
 

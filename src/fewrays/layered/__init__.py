@@ -30,8 +30,11 @@ __all__ = ["AXIS_ALIGNED_METHOD", "METHOD", "LayeredAxisAlignedOptions", "Layere
 class _TileOptions:
     sigma_pix: float = 0.5
     """Standard deviation of the Gaussian pixel filter, in pixels."""
-    partitions: int = 15
-    """Depth partitions on either side of the focal plane; fewer are faster and noisier."""
+    partitions: int = 25
+    """Depth partitions on either side of the focal plane; fewer are faster and noisier. (Published: 15.)"""
+    partition_sigma_x: float = 16.0
+    """Screen-space extent that the filter of a whole partition may have, in pixels: larger makes partitions
+    narrower and more. (Published: 8.)"""
     bin_size: float = 0.5
     """Partition boundaries are multiples of this slope, in pixels."""
     tile: int = 32
@@ -46,6 +49,12 @@ class _TileOptions:
     def __post_init__(self) -> None:
         _require("sigma_pix", self.sigma_pix, 0.0 < self.sigma_pix <= 4.0, "in (0, 4] px")
         _require("partitions", self.partitions, 1 <= self.partitions <= 100, "from 1 to 100")
+        _require(
+            "partition_sigma_x",
+            self.partition_sigma_x,
+            1 <= self.partition_sigma_x <= 256,
+            "from 1 to 256 px",
+        )
         _require("bin_size", self.bin_size, 0.01 <= self.bin_size <= 8.0, "from 0.01 to 8 px")
         _require("tile", self.tile, 4 <= self.tile <= 256, "from 4 to 256 px")
         _require("ring", self.ring, 1 <= self.ring <= 256, "from 1 to 256 px")
@@ -69,8 +78,12 @@ class LayeredOptions(_TileOptions):
     point, on fine bins, or as published (which leaves out the narrower of the two)."""
     occluded_sigma_x: float | None = None
     """Largest screen-space extent of the filter of a layer that others cover, in pixels: small for correct
-    occlusion, large for less noise. 5 / sqrt(samples per pixel) by default. The published method does not
-    treat such layers differently: give max_sigma_x's value for that."""
+    occlusion, large for less noise. 5 / sqrt(samples per pixel) by default. (Published: no different.)"""
+
+    @classmethod
+    def published(cls) -> LayeredOptions:
+        """Return the options that give the method as published: no deviation in filters or partitions."""
+        return cls(partitions=15, partition_sigma_x=8.0, screen_filter="paper", occluded_sigma_x=8.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -161,7 +174,7 @@ def _plan(samples: SampleBuffer, options: _TileOptions, rule: FilterRule, *, wit
     partitions = Partitions.of_constant_energy(
         options.partitions,
         sigma_u=rule.sigma_u,
-        max_sigma_x=options.max_sigma_x,
+        sigma_x=options.partition_sigma_x,
         bin_size=options.bin_size,
     )
     slots = np.full(partitions.count, -1, np.int32)

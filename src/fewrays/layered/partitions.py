@@ -32,14 +32,14 @@ class Partitions:
 
     @classmethod
     def of_constant_energy(
-        cls, per_side: int, *, sigma_u: float, max_sigma_x: float, bin_size: float
+        cls, per_side: int, *, sigma_u: float, sigma_x: float, bin_size: float
     ) -> Partitions:
         """Partition so that every layer's worst-case filter has the same energy.
 
         A layer's filter has energy ``sigma_x sigma_u``, with ``sigma_x = 2 sigma_u / |1/c_min - 1/c_max|``
-        (Eq. 12 and 16): equal energies mean boundaries uniform in 1/c. With the worst case at the largest
-        ``sigma_x`` in use, they lie at ``|c| = max_sigma_x / (2 sigma_u k)``, k = 1, 2, …; the outermost
-        partitions reach to infinity and the innermost to the focal plane.
+        (Eq. 12 and 16): equal energies mean boundaries uniform in 1/c. For a given ``sigma_x`` of the worst
+        case they lie at ``|c| = sigma_x / (2 sigma_u k)``, k = 1, 2, …; the outermost partitions reach to
+        infinity and the innermost to the focal plane.
 
         Parameters
         ----------
@@ -47,8 +47,8 @@ class Partitions:
             Partitions on either side of the focal plane, >= 1. Boundaries that fall into one bin merge.
         sigma_u : float
             Standard deviation of the aperture in lens units.
-        max_sigma_x : float
-            Largest ``sigma_x`` in pixels.
+        sigma_x : float
+            Screen-space extent of the worst case's filter, in pixels.
         bin_size : float
             In pixels.
 
@@ -56,7 +56,7 @@ class Partitions:
         -------
         Partitions
         """
-        outermost = max_sigma_x / (2 * sigma_u)
+        outermost = sigma_x / (2 * sigma_u)
         boundaries = np.round(outermost / np.arange(1, per_side) / bin_size).astype(np.int64)
         boundaries = np.unique(np.concatenate([-boundaries, [0], boundaries]))
         bins = np.arange(boundaries[0] - 1, boundaries[-1] + 1)
