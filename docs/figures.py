@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ from PIL import ImageDraw, ImageFont
 from fewrays import Lens, SampleBuffer, reconstruct
 from fewrays.color import srgb_decode, srgb_encode
 from fewrays.display import Panel, error_picture, save_picture, sheet, tone_map
+from fewrays.layered import LayeredOptions
 from fewrays.layered import reference as definition
 from fewrays.layered.filters import FilterRule, LayerFilter, ScreenKernel, screen_taps
 from fewrays.layered.partitions import Partitions
@@ -53,7 +54,7 @@ from fewrays.sources.analytic import (
 
 IMAGES = Path(__file__).parent / "images"
 SPP, TRUTH_SPP, BORDER = 8, 256, 16
-PUBLISHED: dict[str, Any] = {"screen_filter": "paper", "occluded_sigma_x": 8.0}
+DEFAULT, PUBLISHED = LayeredOptions(), asdict(LayeredOptions.published())
 
 Floats = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.uint8]
@@ -123,13 +124,29 @@ def scattered_discs(cell: float, radius: float, seed: int) -> Mask:
 
 def leaves() -> list[Plane]:
     """Blurred leaves before bars in focus before a bright blurred background: much partial occlusion."""
+
+    def within(mask: Mask, left: float, right: float) -> Mask:
+        return lambda xy: mask(xy) & (xy[..., 0] >= left) & (xy[..., 0] < right)
+
+    near, middle = scattered_discs(44, 12, 1), scattered_discs(34, 8, 2)
+    close, far = scattered_discs(30, 6, 3), scattered_discs(26, 8, 4)
     return [
-        Plane(at_slope(-16), checker(9, (0.02, 0.1, 0.02), (0.1, 0.35, 0.05)), scattered_discs(44, 12, 1)),
-        Plane(at_slope(-9), checker(7, (0.05, 0.15, 0.02), (0.3, 0.5, 0.1)), scattered_discs(34, 8, 2)),
-        Plane(at_slope(-4), checker(5, (0.1, 0.2, 0.05), (0.35, 0.6, 0.15)), scattered_discs(30, 6, 3)),
+        Plane(at_slope(-16), checker(9, (0.02, 0.1, 0.02), (0.1, 0.35, 0.05)), within(near, -90, 66)),
+        Plane(at_slope(-9), checker(7, (0.05, 0.15, 0.02), (0.3, 0.5, 0.1)), within(middle, -90, 110)),
+        Plane(at_slope(-4), checker(5, (0.1, 0.2, 0.05), (0.35, 0.6, 0.15)), within(close, 20, 150)),
         Plane(at_slope(0), checker(6, (0.25, 0.1, 0.05), (0.8, 0.5, 0.3)), stripes(48, fill=0.4)),
-        Plane(at_slope(5), checker(5, (0.2, 0.3, 0.5), (0.5, 0.6, 0.7)), scattered_discs(26, 8, 4)),
+        Plane(at_slope(5), checker(5, (0.2, 0.3, 0.5), (0.5, 0.6, 0.7)), within(far, 40, 120)),
         Plane(at_slope(14), checker(20, (0.5, 0.65, 0.9), (1.0, 0.95, 0.8))),
+    ]
+
+
+def floor() -> list[Plane]:
+    """Terraces of slopes from 20 at the top to -12 px at the bottom: a slanted surface without gaps."""
+    slopes = np.linspace(20, -12, 33)
+    texture = smooth_noise(7, waves=6, seed=5)
+    far = [Plane(at_slope(slopes[0]), texture)]
+    return far + [
+        Plane(at_slope(c), texture, half_plane((0, 3.0 * i), (0, 1))) for i, c in enumerate(slopes) if i
     ]
 
 
@@ -176,18 +193,26 @@ class UnboundedWeights(FilterRule):
         return replace(uniform, falloff=uniform.falloff - 0.5 / self.sampling_sigma**2)
 
 
-def define(samples: SampleBuffer, kind: type[FilterRule], occluded_sigma_x: float | None = None) -> Image:
+def define(samples: SampleBuffer, kind: type[FilterRule]) -> Image:
     """Reconstruct with a filter rule of another kind and the default options."""
-    occluded = 5 / np.sqrt(samples.spp) if occluded_sigma_x is None else occluded_sigma_x
     base = FilterRule.for_lens(
-        samples.lens, "matched", sigma_pix=0.5, max_sigma_x=8.0, occluded_sigma_x=occluded
+        samples.lens,
+        "matched",
+        sigma_pix=DEFAULT.sigma_pix,
+        max_sigma_x=DEFAULT.max_sigma_x,
+        occluded_sigma_x=5 / np.sqrt(samples.spp),
     )
-    partitions = Partitions.of_constant_energy(15, sigma_u=base.sigma_u, max_sigma_x=8.0, bin_size=0.5)
+    partitions = Partitions.of_constant_energy(
+        DEFAULT.partitions,
+        sigma_u=base.sigma_u,
+        sigma_x=DEFAULT.partition_sigma_x,
+        bin_size=DEFAULT.bin_size,
+    )
     plan = Plan(
         height=samples.height,
         width=samples.width,
-        tile=32,
-        ring=16,
+        tile=DEFAULT.tile,
+        ring=DEFAULT.ring,
         partitions=partitions,
         rule=kind(**vars(base)),
         max_layers=None,
@@ -270,7 +295,7 @@ def epipolar() -> None:
     width, height, span = 760, 190, 64.0
     planes = [
         Plane(at_slope(-12), constant(0.8, 0.12, 0.08), lambda xy: np.abs(xy[..., 0] - 24) < 7),
-        Plane(at_slope(0), checker(4, (0.55, 0.55, 0.55), (0.95, 0.95, 0.95)), lambda xy: xy[..., 0] > 36),
+        Plane(at_slope(0), checker(4, (0.12, 0.25, 0.12), (0.35, 0.6, 0.3)), lambda xy: xy[..., 0] > 36),
         Plane(at_slope(14), checker(10, (0.1, 0.25, 0.6), (0.45, 0.7, 1.0))),
     ]
 
@@ -279,29 +304,30 @@ def epipolar() -> None:
         color, depth = trace(planes, LENS, xy, np.stack([u, np.zeros_like(u)], axis=-1))
         return color.astype(np.float64), LENS.slope(depth) < -6
 
-    x, u = np.meshgrid(
-        (np.arange(2 * width) + 0.5) / (2 * width) * span, 1 - (np.arange(2 * height) + 0.5) / height
-    )
+    across, up = (np.arange(2 * width) + 0.5) / (2 * width), (np.arange(2 * height) + 0.5) / (2 * height)
+    x, u = np.meshgrid(span * across, 1 - 2 * up)
     dense = Plot(width, height, (0, span), (-1, 1))
     dense.image.paste(Pillow.fromarray(tone_map(rays(x, u)[0].astype(np.float32))))
-    for slope, center, place, name in (
-        (-12, 24, (26.5, -0.55), "C = -12: leans left"),
-        (0, 52, (53, -0.78), "C = 0: in focus"),
-        (14, 5, (0.8, 0.8), "C = +14: leans right"),
+    for slope, center, name_x, name_u, name in (
+        (-12, 24, 21, -0.55, "C = -12: leans left"),
+        (0, 52, 53, -0.78, "C = 0: in focus"),
+        (14, 5, 0.8, 0.8, "C = +14: leans right"),
     ):
         dense.line([(center - slope, -1), (center + slope, 1)], ORANGE, 3)
-        dense.text(*place, name)
+        dense.text(name_x, name_u, name)
     dense.line([(33, -1), (33, 1)], INK, 3)
-    dense.text(33.8, 0.8, "one pixel: its image is the mean along this line")
+    dense.text(34, 0.78, "one pixel: its image is the mean along this line")
 
-    few = np.arange(8 * int(span))
-    x, u = (few // 8 + (few * 0.6180339887) % 1), 2 * ((few * 0.7548776662) % 1) - 1
-    color, front = rays(x, u)
+    rng, pixels = np.random.default_rng(1), int(span)
+    strata = rng.permuted(np.tile(np.arange(SPP), (pixels, 1)), axis=1)
+    few_x = (np.arange(pixels)[:, None] + rng.random(strata.shape)).ravel()
+    few_u = 2 * ((strata + rng.random(strata.shape)) / SPP).ravel() - 1
+    color, front = rays(few_x, few_u)
     eta = FilterRule.for_lens(LENS, "paper", sigma_pix=0.5, max_sigma_x=8.0).filter(-12, -12).eta
     sampled = Plot(width, height, (0, span), (-1, 1))
     scattered = Plot(width, height, (0, span), (-1, 1))
     shown = tone_map(color[None].astype(np.float32))[0].tolist()
-    for x_i, u_i, color_i, front_i in zip(x, u, shown, front, strict=True):
+    for x_i, u_i, color_i, front_i in zip(few_x, few_u, shown, front, strict=True):
         sampled.dot(x_i, u_i, tuple(color_i), 3)
         scattered.dot(x_i - eta * u_i, u_i, tuple(color_i) if front_i else (205, 206, 210), 3)
     write(
@@ -327,8 +353,8 @@ def epipolar() -> None:
 
 
 def filters() -> None:
-    """Work the filter of the partition [4, 6] px out in numbers, and draw it."""
-    c_min, c_max, sigma_u, sigma_pix = 4.0, 6.0, 1 / 3, 0.5
+    """Work the filter of a layer with slopes from 2 to 6 px out in numbers, and draw it."""
+    c_min, c_max, sigma_u, sigma_pix = 2.0, 6.0, 1 / 3, 0.5
     band_u, band_pix = 1 / (2 * np.pi * sigma_u), 1 / (2 * np.pi * sigma_pix)
     width = band_u * (1 / c_min - 1 / c_max)
     c_avg, sigma_x = 2 * c_min * c_max / (c_min + c_max), 1 / (np.pi * width)
@@ -368,7 +394,7 @@ def filters() -> None:
             f"{wide.eta:.0f}, {wide.variance**0.5:.1f} px, {(2 * wide.falloff) ** -0.5:.3f}",
         ),
     ]
-    print_table("filters: a layer with slopes from 4 to 6 px", ("quantity", "formula", "value"), rows)
+    print_table("filters: a layer with slopes from 2 to 6 px", ("quantity", "formula", "value"), rows)
 
     write(
         "filter",
@@ -387,25 +413,24 @@ def _wedge(c_min: float, c_max: float, band_u: float, band_pix: float, width: fl
     plot.line([*box, box[0]], BLUE, 2)
     edge = [(s * band_u / c_avg + t * width / 2, s * band_u) for s, t in ((-1, -1), (-1, 1), (1, 1), (1, -1))]
     plot.line([*edge, edge[0]], ORANGE, 2)
-    plot.text(-0.34, 0.57, "Ω_u", size=14)
-    plot.text(0.25, -0.06, "Ω_x", size=14)
-    plot.text(-0.3, -0.41, "lens and pixel", BLUE, 14)
+    plot.text(0.01, 0.57, "frequency of u", size=13)
+    plot.text(0.17, -0.06, "of x", size=13)
+    plot.text(0.04, -0.41, "lens and pixel", BLUE, 14)
     plot.text(-0.3, 0.41, "sheared", ORANGE, 14)
-    return Panel(plot.picture(), "Frequencies, C from 4 to 6 px", "shaded: where the layer's light is")
+    return Panel(plot.picture(), "Frequencies, C from 2 to 6 px", "shaded: where the layer's light is")
 
 
 def _kernels(c_avg: float, sigma_x: float, gamma: float, eta: float) -> list[Panel]:
     """Draw the kernel twice: the first factors' lines of constant argument, then the second's."""
-    side, x_span, u_span = 270, 12.0, 2.4
-    x, u = np.meshgrid(*(np.linspace(-1, 1, 2 * side),) * 2)
-    x, u = x_span * x, -u_span * u
+    side, x_span, u_span = 270, 6.0, 2.0
+    x, u = np.meshgrid(np.linspace(-x_span, x_span, 2 * side), np.linspace(u_span, -u_span, 2 * side))
     kernel = np.exp(-0.5 * (x / sigma_x) ** 2 - 0.5 * ((u - x / c_avg) * 3) ** 2)
     shade = (1 - kernel[..., None]) * np.array(PAPER) + kernel[..., None] * np.array((90, 130, 190))
     panels = []
     for title, note, lines in (
         (
             "Eq. 15: extent in x, then a shear in u",
-            "N(x; 8.0 px) N(u - x / 4.8; 1/3)",
+            f"N(x; {sigma_x:.1f} px) N(u - x / {c_avg:.1f}; 1/3)",
             [((-x_span, -x_span / c_avg), (x_span, x_span / c_avg))],
         ),
         (
@@ -418,27 +443,34 @@ def _kernels(c_avg: float, sigma_x: float, gamma: float, eta: float) -> list[Pan
         plot.image.paste(Pillow.fromarray(shade.astype(np.uint8)))
         for rim in (-1, 1):
             plot.line([(-x_span, rim), (x_span, rim)], GREY, 1)
-        plot.text(-11.5, 1.25, "lens rim, u = 1", GREY, 13)
+        plot.text(-5.75, 1.2, "lens rim, u = 1", GREY, 13)
         for line in lines:
             plot.line(line, ORANGE, 2)
-        plot.text(-11.5, 2.1, "u", size=14)
-        plot.text(10.3, -2.1, "x", size=14)
+        plot.text(-5.75, 1.75, "u", size=14)
+        plot.text(5.2, -1.75, "x", size=14)
         panels.append(Panel(plot.picture(), title, note))
     return panels
 
 
 def partitions() -> None:
-    """Show the boundaries between partitions."""
-    ideal = 12 / np.arange(1, 15)
-    table = Partitions.of_constant_energy(15, sigma_u=1 / 3, max_sigma_x=8.0, bin_size=0.5)
-    used = (table.first_bin + 1 + np.flatnonzero(np.diff(table.table.astype(int)))) * 0.5
-    one_side = sorted({float(b) for b in used if b > 0}, reverse=True)
-    rows = [
-        ("12 / k, k = 1 … 14", ", ".join(f"{b:.2f}" for b in ideal)),
-        ("rounded to bins of 0.5 px", ", ".join(f"{b:g}" for b in one_side)),
-        ("partitions in all", table.count),
-    ]
-    print_table("partitions: boundaries of |C| in px, sigma_u = 1/3", ("", ""), rows)
+    """Show the boundaries between partitions, and what narrower partitions gain."""
+    rows: list[list[object]] = []
+    truths = {"floor": reference(floor(), LENS, 96, 96, spp=TRUTH_SPP), "leaves": leaves_truth()}
+    inputs = {"floor": sample(floor(), LENS, 96, 96, SPP), "leaves": leaves_samples()}
+    for name, count, extent in (
+        ("published", 15, 8.0),
+        ("default", DEFAULT.partitions, DEFAULT.partition_sigma_x),
+    ):
+        table = Partitions.of_constant_energy(count, sigma_u=1 / 3, sigma_x=extent, bin_size=0.5)
+        used = (table.first_bin + 1 + np.flatnonzero(np.diff(table.table.astype(int)))) * 0.5
+        one_side = ", ".join(f"{b:g}" for b in sorted(used[used > 0], reverse=True))
+        row: list[object] = [f"{name}: {count}, {extent:g} px", one_side]
+        for scene, samples in inputs.items():
+            image, aovs = reconstruct(samples, aovs=True, partitions=count, partition_sigma_x=extent)
+            row += [quality(image, truths[scene]), float(aovs["layer_count"].mean())]
+        rows.append(row)
+    head = ("partitions a side, partition_sigma_x", "boundaries of C on either side, px")
+    print_table("partitions", (*head, "floor, dB", "layers", "leaves, dB", "layers"), rows)
 
 
 def discs() -> None:
@@ -465,14 +497,14 @@ def discs() -> None:
             *(tone_map(images[key]) for key in ("truth", "predicted", "layered")),
             (255 * error).astype(np.uint8),
         ]
-        captions = (name, "Eq. 37 predicts", "fewrays, 16 spp", "difference × 2")
+        captions = (name, "Eq. 37 predicts", "fewrays, 16 spp", "difference, doubled")
         panels.append([Panel(enlarge(p, 2), title) for p, title in zip(shown, captions, strict=True)])
     head = [
         "scene",
         *(
             f"{who}: {what}"
             for who in ("predicted", "ours")
-            for what in ("worst loss", "mean |error|", "light lost")
+            for what in ("worst loss", "mean abs. error", "light lost")
         ),
     ]
     print_table("discs: the green disc behind, in % of its radiance", (*head, "red disc, worst error"), rows)
@@ -484,9 +516,9 @@ def _two_discs(slope: float, front_radius: float) -> dict[str, Image]:
     front = Plane(at_slope(-slope), constant(1.0, 0.0, 0.0), disc((48, 48), front_radius))
     back = Plane(at_slope(slope), constant(0.0, 1.0, 0.0), disc((48, 48), 14))
     black = Plane(at_slope(30), constant(0.0))
-    red, green = (reference([plane, black], LENS, 96, 96, spp=TRUTH_SPP) for plane in (front, back))
+    red, green = (reference([plane, black], LENS, 96, 96, spp=2 * TRUTH_SPP) for plane in (front, back))
     return {
-        "truth": reference([front, back, black], LENS, 96, 96, spp=TRUTH_SPP),
+        "truth": reference([front, back, black], LENS, 96, 96, spp=2 * TRUTH_SPP),
         "predicted": red + (1 - red[..., :1]) * green,
         "layered": reconstruct(sample([front, back, black], LENS, 96, 96, 16)),
     }
@@ -494,18 +526,18 @@ def _two_discs(slope: float, front_radius: float) -> dict[str, Image]:
 
 def widths() -> None:
     """Measure matched widths and fine bins: a checkerboard in focus, planes of waves out of focus."""
-    planes = [Plane(at_slope(0), checker(6))]
-    board = sample(planes, LENS, 96, 96, SPP)
-    truth = reference(planes, LENS, 96, 96, spp=TRUTH_SPP)
     variants: dict[str, Callable[[SampleBuffer], Image]] = {
         "published": lambda s: reconstruct(s, **PUBLISHED),
         "matched, bins of 1 px": lambda s: define(s, CoarseBins),
         "fewrays": reconstruct,
     }
-    images = {name: run(board) for name, run in variants.items()}
-    rows: list[list[object]] = [
-        ["checkerboard of 6 px in focus", *(quality(i, truth) for i in images.values())]
-    ]
+    rows: list[list[object]] = []
+    for size in (6.0, 6.4):
+        planes = [Plane(at_slope(0), checker(size))]
+        truth = reference(planes, LENS, 96, 96, spp=TRUTH_SPP)
+        board = sample(planes, LENS, 96, 96, SPP)
+        images = {name: run(board) for name, run in variants.items()}
+        rows.append([f"checkerboard of {size:g} px in focus", *(quality(i, truth) for i in images.values())])
     for slope in (0.7, 1.4, 2.0, 3.0, 6.0, 12.0, 24.0):
         texture = smooth_noise(6, seed=3)
         exact = exact_waves(texture, at_slope(slope), LENS, 96, 96)
@@ -519,11 +551,9 @@ def widths() -> None:
     print_table("widths: PSNR in dB", ("scene", *variants), rows)
 
     window = np.s_[36:66, 36:66]
-    captions = {"published": rows[0][1], "matched, bins of 1 px": rows[0][2], "fewrays": rows[0][3]}
     shown = [Panel(enlarge(tone_map(truth[window]), 7), "truth")]
-    shown += [
-        Panel(enlarge(tone_map(images[n][window]), 7), n, f"{psnr:.1f} dB") for n, psnr in captions.items()
-    ]
+    for name, image in images.items():
+        shown.append(Panel(enlarge(tone_map(image[window]), 7), name, f"{quality(image, truth):.1f} dB"))
     write("focus", [shown])
 
 
@@ -575,18 +605,19 @@ def occluded() -> None:
         "8 px (no limit)": reconstruct(samples, occluded_sigma_x=8.0),
         "fewrays": reconstruct(samples),
     }
-    panels = [Panel(enlarge(tone_map(inner(truth)), 2), "truth")]
-    errors = [Panel(np.full_like(panels[0].picture, 22))]
+    panels, errors = [], []
     for name, image in candidates.items():
         panels.append(Panel(enlarge(tone_map(inner(image)), 2), name, f"{quality(image, truth):.1f} dB"))
         errors.append(Panel(enlarge(error_picture(tone_map(inner(image)), tone_map(inner(truth))), 2)))
-    write("occluded", [panels, errors[1:]])
+    panels.append(Panel(enlarge(tone_map(inner(truth)), 2), "truth"))
+    write("occluded", [panels, errors])
 
 
 def aperture() -> None:
     """Show what becomes of a disc: a bright spot, and a texture."""
-    lens, wide = make_lens("disc", "disc"), make_lens("gaussian", "gaussian", 0.5)
-    spot = [Plane(at_slope(14), constant(0.0)), Plane(at_slope(12), constant(20.0), disc((32, 32), 2))]
+    lens = make_lens("disc", "disc")
+    wide = make_lens("gaussian", "gaussian", 0.25).refocus(aperture_scale=2.0)  # sigma 1/2, ends at 4 sigma
+    spot = [Plane(at_slope(14), constant(0.0)), Plane(at_slope(12), constant(5.0), disc((32, 32), 4))]
     texture = [Plane(at_slope(12), checker(24))]
     rows, panels = [], []
     for name, planes, height in (("bright spot", spot, 64), ("checkerboard of 24 px", texture, 96)):
@@ -595,7 +626,7 @@ def aperture() -> None:
         rows.append((name, *(quality(image, truth) for truth in truths)))
         if height == 64:
             shown = (truths[0], truths[1], image)
-            captions = ("truth, disc", "truth, Gaussian, sigma 0.5", "fewrays, disc lens")
+            captions = ("truth, disc", "truth, Gaussian lens", "fewrays, disc lens")
             panels = [Panel(enlarge(tone_map(p, 0.5), 4), c) for p, c in zip(shown, captions, strict=True)]
     print_table(
         "aperture: PSNR in dB, C = 12 px, 16 spp", ("scene", "against the disc", "against the Gaussian"), rows
@@ -622,18 +653,18 @@ def importance() -> None:
 
 def hdr() -> None:
     """Compare floating-point radiance with colours tone-mapped to 8 bits before the filter."""
-    planes = [*leaves(), Plane(at_slope(13.9), constant(12.0), scattered_discs(22, 1.5, 9))]
+    planes = [*leaves(), Plane(at_slope(13.9), constant(6.0), scattered_discs(30, 3, 9))]
     truth = reference(planes, LENS, 128, 192, spp=2 * TRUTH_SPP)
     samples = sample(planes, LENS, 128, 192, SPP)
     display = np.round(255 * srgb_encode(samples.color)) / 255
-    from_display = srgb_decode(reconstruct(replace(samples, color=display)))
+    from_display = srgb_decode(reconstruct(replace(samples, color=display.astype(np.float32))))
     images = {"float, linear": reconstruct(samples), "8 bits, tone-mapped": from_display}
     rows = [
         (name, quality(image, truth), float(inner(image).mean() / inner(truth).mean()))
         for name, image in images.items()
     ]
     print_table(
-        "hdr: leaves with highlights of radiance 12",
+        "hdr: leaves with highlights of radiance 6",
         ("input", "PSNR, dB", "mean radiance / truth"),
         [(n, p, f"{m:.2f}") for n, p, m in rows],
     )
@@ -647,36 +678,20 @@ def hdr() -> None:
 def layers() -> None:
     """Show the layers and their number (Figures 15 and 16), and trade layers for time."""
     samples, truth = leaves_samples(), leaves_truth()
-    rows, shown = [], []
-    for limit in (1, 2, 3, 4, 6, None):
+    rows: list[tuple[object, ...]] = []
+    panels = []
+    limits = (1, 2, 3, 4, 5, None)
+    seconds = {limit: _seconds(samples, limit) for limit in limits}
+    for limit in limits:
         image, aovs = reconstruct(samples, aovs=True, max_layers=limit)
-        count = float(aovs["layer_count"].mean())
-        rows.append(
-            (
-                limit or "no limit",
-                count,
-                quality(image, truth),
-                _seam_ratio(image, truth),
-                _seconds(samples, limit),
-            )
-        )
+        mean, psnr = float(aovs["layer_count"].mean()), quality(image, truth)
+        rows.append((limit or "no limit", mean, psnr, f"{seconds[limit] / seconds[None]:.2f}"))
         if limit in (1, 2, 3, None):
-            shown.append(
-                (
-                    f"{limit or 'all'} layer{'' if limit == 1 else 's'}",
-                    f"{quality(image, truth):.1f} dB",
-                    image,
-                )
-            )
-    slowest = rows[-1][-1]
-    table = [(*row[:3], f"{row[3]:.2f}", f"{row[4] / slowest:.2f}") for row in rows]
-    print_table(
-        "layers: the trade of max_layers",
-        ("max_layers", "mean layers per tile", "PSNR, dB", "seams", "CPU time"),
-        table,
-    )
-    pictures = [Panel(enlarge(tone_map(inner(image)), 3), *caption) for *caption, image in shown]
-    write("max-layers", [pictures[:2], pictures[2:]])
+            title = f"max_layers={limit}, {mean:.1f} layers on average"
+            panels.append(Panel(enlarge(tone_map(inner(image)), 3), title, f"{psnr:.1f} dB"))
+    head = ("max_layers", "mean layers per tile", "PSNR, dB", "CPU time")
+    print_table("layers: the trade of max_layers", head, rows)
+    write("max-layers", [panels[:2], panels[2:]])
 
     image, aovs = reconstruct(samples, aovs=True)
     color, count = _layer_colors(aovs), aovs["layer_count"] / aovs["layer_opacity"].shape[2]
@@ -713,6 +728,21 @@ def _layer_colors(aovs: dict[str, npt.NDArray[Any]]) -> Image:
     return np.asarray(visible @ palette, np.float32)
 
 
+def seams() -> None:
+    """Measure whether the error jumps more across tile borders than elsewhere."""
+    rows = []
+    samples, truth = sample(floor(), LENS, 96, 96, SPP), reference(floor(), LENS, 96, 96, spp=TRUTH_SPP)
+    for limit in (1, 2, 3, None):
+        on_floor = _seam_ratio(reconstruct(samples, max_layers=limit), truth)
+        on_leaves = _seam_ratio(reconstruct(leaves_samples(), max_layers=limit), leaves_truth())
+        rows.append((limit or "no limit", f"{on_floor:.2f}", f"{on_leaves:.2f}"))
+    print_table(
+        "seams: jumps of the error across tile borders over jumps elsewhere",
+        ("max_layers", "floor", "leaves"),
+        rows,
+    )
+
+
 def _seam_ratio(image: Image, truth: Image) -> float:
     """How much more the error jumps from pixel to pixel across tile borders than elsewhere."""
     jump = np.abs(np.diff(inner(image - truth), axis=1)).mean(axis=(0, 2))
@@ -723,7 +753,7 @@ def _seam_ratio(image: Image, truth: Image) -> float:
 def _seconds(samples: SampleBuffer, limit: int | None) -> float:
     """Return the least CPU time of several runs."""
     times = []
-    for _ in range(9):
+    for _ in range(15):
         start = time.process_time()
         reconstruct(samples, threads=1, max_layers=limit)
         times.append(time.process_time() - start)
@@ -732,18 +762,24 @@ def _seconds(samples: SampleBuffer, limit: int | None) -> float:
 
 def limits() -> None:
     """Measure the known limits: large blur, noise by slope, and bright spots behind an edge."""
-    rows = []
-    for slope in (6, 12, 24, 36, 60, 100 - 1):
-        texture = square_wave(96)
-        planes = [Plane(at_slope(slope), texture)]
-        samples = sample(planes, LENS, 128, 192, SPP)
-        exact = exact_waves(texture, at_slope(slope), LENS, 128, 192)
-        wide = reconstruct(samples, ring=48, max_sigma_x=24.0)
-        rows.append((slope, rms_error(reconstruct(samples), exact, 32), rms_error(wide, exact, 32)))
+    rows: list[tuple[object, ...]] = []
+    ring: list[dict[str, Any]] = [{}, {"ring": 48, "max_sigma_x": 24.0}]
+    for slope in (6, 12, 24, 36, 60, 90):
+        texture = square_wave(256)
+        samples = sample([Plane(at_slope(slope), texture)], LENS, 192, 256, SPP)
+        exact = exact_waves(texture, at_slope(slope), LENS, 192, 256)
+        edge = [rms_error(reconstruct(samples, **options), exact, 64) for options in ring]
+        planes = [
+            Plane(at_slope(-slope), constant(0.1), disc((80, 80), 30)),
+            Plane(at_slope(0), checker(8)),
+        ]
+        samples, truth = sample(planes, LENS, 160, 160, SPP), reference(planes, LENS, 160, 160, spp=TRUTH_SPP)
+        cover = [rms_error(reconstruct(samples, **options), truth, 24) for options in ring]
+        rows.append((slope, *(f"{e:.2f}" for e in (*edge, *cover))))
     print_table(
-        "limits: bars of 96 px, RMS error in % of white",
-        ("C in px", "ring 16, max_sigma_x 8", "ring 48, max_sigma_x 24"),
-        [(s, f"{a:.2f}", f"{b:.2f}") for s, a, b in rows],
+        "limits: large blur, RMS error in % of white",
+        ("C (cover: -C), px", "edge, ring 16", "edge, ring 48", "cover, ring 16", "cover, ring 48"),
+        rows,
     )
 
     rows = []
@@ -751,53 +787,44 @@ def limits() -> None:
         planes = [Plane(at_slope(slope), checker(4))]
         samples, truth = sample(planes, LENS, 96, 96, SPP), reference(planes, LENS, 96, 96, spp=TRUTH_SPP)
         box = reconstruct(samples, "box")
-        rows.append((slope, rms_error(box, truth, 24), rms_error(reconstruct(samples), truth, 24)))
+        errors = (rms_error(box, truth, 24), rms_error(reconstruct(samples), truth, 24))
+        rows.append((slope, *(f"{error:.2f}" for error in errors)))
     print_table(
         "limits: noise on a checkerboard of 4 px, RMS error in % of white",
         ("C in px", "box", "fewrays"),
-        [(s, f"{a:.2f}", f"{b:.2f}") for s, a, b in rows],
+        rows,
     )
     _highlights()
 
 
 def _highlights() -> None:
     """Bright spots behind the edge of a strongly blurred cover."""
-    cover = Plane(at_slope(-20), constant(0.15, 0.25, 0.1), half_plane((48, 0), (-1.0, 0.0)))
+    cover = Plane(at_slope(-20), constant(0.15, 0.25, 0.1), half_plane((32, 0), (-1.0, 0.0)))
     black = Plane(at_slope(12), constant(0.02))
-    rows, row, width, height = [], [], 144, 64
+    rows: list[tuple[object, ...]] = []
+    truths, images = [], []
+    rest = reference([cover, black], LENS, 64, 64, spp=TRUTH_SPP)
     for offset in (-10, 0, 10):
-        spot = Plane(at_slope(11.9), constant(60.0), disc((48 + offset, 32), 1.5))
+        spot = Plane(at_slope(11.9), constant(60.0), disc((32 + offset, 32), 1.5))
         planes = [cover, spot, black]
-        image, truth = (
-            reconstruct(sample(planes, LENS, height, width, SPP)),
-            reference(planes, LENS, height, width, spp=1024),
-        )
-        rest = reference([cover, black], LENS, height, width, spp=TRUTH_SPP)
-        light = [float((i - rest)[..., 0].sum()) for i in (image, truth)]
-        x = np.arange(width) + 0.5
-        centers = [
-            float(((i - rest)[..., 0].sum(axis=0) @ x) / one)
-            for i, one in zip((image, truth), light, strict=True)
-        ]
-        rows.append(
-            (
-                f"{offset:+d} px",
-                f"{100 * (light[0] / light[1] - 1):+.0f} %",
-                f"{centers[0] - centers[1]:+.1f} px",
-            )
-        )
-        row.append(
-            [
-                Panel(enlarge(tone_map(i, -0.5)[:, :96], 4), t)
-                for i, t in ((truth, f"truth, spot {offset:+d} px"), (image, "fewrays, 8 spp"))
+        truth = reference(planes, LENS, 64, 64, spp=4 * TRUTH_SPP)
+        row: list[object] = [f"{offset:+d} px"]
+        for options in ({}, PUBLISHED):
+            runs = [
+                reconstruct(sample(planes, LENS, 64, 64, SPP, seed=seed), **options) for seed in range(16)
             ]
-        )
+            light = [100 * float((run - rest).sum() / (truth - rest).sum() - 1) for run in runs]
+            row.append(f"{np.mean(light):+.0f} ± {np.std(light):.0f}")
+            if not options:
+                truths.append(Panel(enlarge(tone_map(truth, -0.5), 4), f"spot at {offset:+d} px, truth"))
+                images.append(Panel(enlarge(tone_map(runs[0], -0.5), 4), "fewrays, 8 spp"))
+        rows.append(tuple(row))
     print_table(
-        "limits: a spot of radiance 60 behind a blurred edge",
-        ("place of the spot", "light gained or lost", "centre displaced"),
+        "limits: a spot of radiance 60 behind a blurred edge, light gained or lost in % over 16 seeds",
+        ("place of the spot", "fewrays", "published"),
         rows,
     )
-    write("highlights", row)
+    write("highlights", [truths, images])
 
 
 PARTS: dict[str, Callable[[], None]] = {
@@ -814,6 +841,7 @@ PARTS: dict[str, Callable[[], None]] = {
         importance,
         hdr,
         layers,
+        seams,
         limits,
     )
 }

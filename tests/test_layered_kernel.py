@@ -177,3 +177,14 @@ def test_bad_options_are_named(options: dict[str, Any], field: str) -> None:
     with pytest.raises(SampleError) as caught:
         reconstruct(random_buffer(4, 4, 1, LENS), **options)
     assert caught.value.field == field
+
+
+def test_absurd_slopes_do_no_harm() -> None:
+    """Depths and lenses at the edge of float32 give finite images, the same on both devices."""
+    samples = random_buffer(20, 20, 3, LENS)
+    rng = np.random.default_rng(3)
+    depth = np.float32(10) ** rng.uniform(-8, 30, samples.depth.shape).astype(np.float32)
+    for lens in (replace(LENS, c0=-1e25), replace(LENS, c1=1e25), replace(LENS, c0=-1e30, c1=-1e30)):
+        absurd = replace(samples, depth=depth, lens=lens)
+        expected = reconstruct(absurd, device="reference")
+        assert_agree(reconstruct(absurd), expected, tolerance=1e-3, flips=1.0, jump=5.0)

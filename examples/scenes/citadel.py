@@ -39,7 +39,7 @@ def scene(width: int, height: int) -> dict[str, Any]:
 
     vertex_color = {"type": "mesh_attribute", "name": "vertex_color"}
     matte = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": vertex_color}}
-    grain = fractal_noise(_torus_points(512) * 3.0, octaves=6, gain=0.75, seed=17)
+    grain = fractal_noise(_torus_points(512) * 3.0, octaves=4, gain=0.55, seed=17)
     stone = {
         "type": "bumpmap",
         "arbitrary": {

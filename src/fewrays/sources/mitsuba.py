@@ -285,6 +285,8 @@ class _Tracer:
 
     def trace(self, xy: Float32, uv: Float32, seed: int, *, progress: bool) -> tuple[Float32, Float32]:
         """Return depths (N,) and radiances (N, 3) of samples at `xy` and `uv`, both (N, 2)."""
+        import drjit as dr
+
         count = len(xy)
         depth, color = np.empty(count, np.float32), np.empty((count, 3), np.float32)
         batch = max(1, _MAX_PATHS // self.shading_spp)
@@ -294,6 +296,9 @@ class _Tracer:
                 batch_seed = int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
                 depth[part], color[part] = self._trace_batch(xy[part], uv[part], batch_seed)
                 bar.update(part.stop - first)
+        # Dr.Jit keeps its memory, and work that is still queued when the interpreter ends can crash it.
+        dr.sync_thread()
+        dr.flush_malloc_cache()
         return depth, color
 
     def _trace_batch(self, xy: Float32, uv: Float32, seed: int) -> tuple[Float32, Float32]:

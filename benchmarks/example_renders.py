@@ -1,0 +1,101 @@
+"""The rendered example scenes: their sample buffers, and references under both pixel filters."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import fewrays
+from fewrays.baselines.accumulation import FilterShape
+from fewrays.method import Image
+
+__all__ = ["SAMPLINGS", "SCENES", "Reference", "Scene", "load_scene", "require_renders"]
+
+SCENES = ("foliage", "serpent", "citadel")
+SAMPLINGS = ("square", "gaussian")
+"""How lens positions were drawn: uniformly over the square, or from the Gaussian aperture itself."""
+
+_FILTERS: tuple[FilterShape, ...] = ("gaussian", "box")
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A reference image ``(H, W, 3)``, its samples per pixel, and its noise as PSNR after gamma 2.2 in dB."""
+
+    image: Image
+    spp: int
+    noise_psnr: float
+
+    @property
+    def noise_mse(self) -> float:
+        """Mean squared error after gamma 2.2 that the reference's own noise causes."""
+        return float(10 ** (-self.noise_psnr / 10))
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene's sample buffers by lens sampling and its references by pixel filter."""
+
+    name: str
+    samples: dict[str, fewrays.SampleBuffer]
+    references: dict[FilterShape, Reference]
+
+
+def require_renders(folder: Path, scenes: Sequence[str], spp: int) -> None:
+    """Exit with the command that renders what is missing, if anything is.
+
+    Raises
+    ------
+    SystemExit
+        Naming the missing files.
+    """
+    missing = [path for scene in scenes for path in _files(folder, scene, spp) if not path.exists()]
+    if missing:
+        needed = [scene for scene in scenes if any(path.name.startswith(scene) for path in missing)]
+        command = ["python", "examples/render.py", *needed, "--spp", str(spp), "--out", str(folder)]
+        raise SystemExit(
+            f"{len(missing)} rendered files are missing, the first is {missing[0]}; make them with\n"
+            f'    pip install "fewrays[mitsuba]"\n    {shlex.join(command)}'
+        )
+
+
+def load_scene(folder: Path, name: str, spp: int) -> Scene:
+    """Load a scene's buffers of `spp` samples per pixel, and its references.
+
+    Raises
+    ------
+    SampleError
+        For files that are not what they should be.
+    """
+    record = json.loads((folder / f"{name}_reference.json").read_text())
+    return Scene(
+        name,
+        {s: fewrays.load(_samples_file(folder, name, s, spp)) for s in SAMPLINGS},
+        {
+            f: Reference(
+                fewrays.load_image(_reference_file(folder, name, f)),
+                record["spp"],
+                record["noise_psnr_gamma22_db"][f],
+            )
+            for f in _FILTERS
+        },
+    )
+
+
+def _files(folder: Path, scene: str, spp: int) -> list[Path]:
+    return [
+        *(_samples_file(folder, scene, sampling, spp) for sampling in SAMPLINGS),
+        *(_reference_file(folder, scene, pixel_filter) for pixel_filter in _FILTERS),
+        folder / f"{scene}_reference.json",
+    ]
+
+
+def _samples_file(folder: Path, scene: str, sampling: str, spp: int) -> Path:
+    return folder / f"{scene}_{sampling}_{spp}spp.npz"
+
+
+def _reference_file(folder: Path, scene: str, pixel_filter: str) -> Path:
+    return folder / f"{scene}_reference_{pixel_filter}.exr"
