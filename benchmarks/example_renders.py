@@ -8,16 +8,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+import numpy.typing as npt
+
 import fewrays
 from fewrays.baselines.accumulation import FilterShape
 from fewrays.method import Image
 
-__all__ = ["SAMPLINGS", "SCENES", "Reference", "Scene", "load_scene", "require_renders"]
+__all__ = ["SAMPLINGS", "SCENES", "Reference", "Scene", "load_scene", "require_match", "require_renders"]
 
 SCENES = ("foliage", "serpent", "citadel")
 SAMPLINGS = ("square", "gaussian")
 """How lens positions were drawn: uniformly over the square, or from the Gaussian aperture itself."""
 
+_BLOCK, _BLOCK_ERROR = 20, 0.02  # pixels; share of white after gamma 2.2. Noise alone leaves 0.005.
 _FILTERS: tuple[FilterShape, ...] = ("gaussian", "box")
 
 
@@ -55,10 +59,9 @@ def require_renders(folder: Path, scenes: Sequence[str], spp: int) -> None:
     missing = [path for scene in scenes for path in _files(folder, scene, spp) if not path.exists()]
     if missing:
         needed = [scene for scene in scenes if any(path.name.startswith(scene) for path in missing)]
-        command = ["python", "examples/render.py", *needed, "--spp", str(spp), "--out", str(folder)]
         raise SystemExit(
-            f"{len(missing)} rendered files are missing, the first is {missing[0]}; make them with\n"
-            f'    pip install "fewrays[mitsuba]"\n    {shlex.join(command)}'
+            f"{len(missing)} rendered files are missing, the first is {missing[0]}; "
+            + _how_to_render(folder, needed, spp)
         )
 
 
@@ -83,6 +86,48 @@ def load_scene(folder: Path, name: str, spp: int) -> Scene:
             for f in _FILTERS
         },
     )
+
+
+def require_match(folder: Path, scene: Scene, box_image: Image) -> None:
+    """Exit if the samples show another scene than the reference, as after a change to only one of them.
+
+    Parameters
+    ----------
+    folder : path
+        Where the files lie, for the message.
+    scene : Scene
+        With the reference.
+    box_image : ndarray, (H, W, 3)
+        The mean of each pixel's samples; its mean over blocks of pixels is nearly free of noise.
+
+    Raises
+    ------
+    SystemExit
+        When the block means differ by more than noise explains.
+    """
+    difference = _blocks(box_image) - _blocks(scene.references["box"].image)
+    error = float(np.sqrt(np.square(difference).mean()))
+    if error > _BLOCK_ERROR:
+        spp = next(iter(scene.samples.values())).spp
+        raise SystemExit(
+            f"{scene.name}: the samples and the reference in {folder} are not of the same scene (means over "
+            f"{_BLOCK} x {_BLOCK} pixels differ by {error:.1%} of white); "
+            + _how_to_render(folder, [scene.name], spp)
+        )
+
+
+def _blocks(image: Image) -> npt.NDArray[np.float64]:
+    """Mean of every block of pixels, after gamma 2.2."""
+    height, width = (side // _BLOCK for side in image.shape[:2])
+    whole = image[: height * _BLOCK, : width * _BLOCK].astype(np.float64)
+    means = whole.reshape(height, _BLOCK, width, _BLOCK, 3).mean(axis=(1, 3))
+    encoded: npt.NDArray[np.float64] = np.clip(means, 0, 1) ** (1 / 2.2)
+    return encoded
+
+
+def _how_to_render(folder: Path, scenes: Sequence[str], spp: int) -> str:
+    command = ["python", "examples/render.py", *scenes, "--spp", str(spp), "--out", str(folder)]
+    return f'make them with\n    pip install "fewrays[mitsuba]"\n    {shlex.join(command)}'
 
 
 def _files(folder: Path, scene: str, spp: int) -> list[Path]:

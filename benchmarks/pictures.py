@@ -10,7 +10,7 @@ from fewrays.method import Image
 
 __all__ = ["hero", "scene_sheet"]
 
-SHEET_WIDTH, HERO_WIDTH = 1800, 1280  # pixels
+SHEET_WIDTH, HERO_WIDTH = 1600, 1280  # pixels
 
 _LEAN = 0.12  # how far the split leans to the right towards the top, as a share of the height
 _LINE = 2.0  # pixels

@@ -12,14 +12,13 @@ from __future__ import annotations
 
 import argparse
 import math
-import shlex
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import fewrays
-from example_renders import SAMPLINGS, SCENES, Scene, load_scene, require_renders
+from example_renders import SAMPLINGS, SCENES, Scene, load_scene, require_match, require_renders
 from fewrays.baselines.accumulation import FilterShape
 from fewrays.display import Candidate, save_picture
 from fewrays.method import Image, Method
@@ -83,14 +82,14 @@ def main() -> None:
     sections = []
     for name in options.scenes:
         scene = load_scene(options.renders, name, options.spp)
-        entries = list(measure(scene))
+        entries = list(measure(scene, options.renders))
         measured[name] = entries
         sections.append(scene_section(scene, entries))
         draw(scene, entries, images)
     write_page(
         options.out / "quality.md",
         *introduction(options.spp),
-        provenance(shlex.join(["python", "benchmarks/quality.py", *sys.argv[1:]])),
+        provenance(f"python benchmarks/quality.py --scenes {' '.join(options.scenes)} --spp {options.spp}"),
         "## What the layered method gains",
         *headline(measured),
         *sections,
@@ -108,7 +107,7 @@ def parse_options() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def measure(scene: Scene) -> Iterator[Entry]:
+def measure(scene: Scene, folder: Path) -> Iterator[Entry]:
     """Yield every method's image of a scene and the denoiser's, for both lens samplings."""
     for sampling in SAMPLINGS:
         samples = scene.samples[sampling]
@@ -117,6 +116,7 @@ def measure(scene: Scene) -> Iterator[Entry]:
             image = fewrays.reconstruct(samples, method.name)
             yield entry(scene, method.name, sampling, pixel_filter_of(method), image)
             if method.name == PLAIN:
+                require_match(folder, scene, image)
                 yield entry(scene, DENOISER, sampling, "box", denoise(image))
 
 
@@ -148,12 +148,12 @@ def find(entries: Sequence[Entry], algorithm: str, sampling: str) -> Entry:
     return next(e for e in entries if (e.algorithm, e.sampling) == (algorithm, sampling))
 
 
-def margin(entries: Sequence[Entry], other: str, other_sampling: str, ours_sampling: str = "square") -> Margin:
+def margin(
+    entries: Sequence[Entry], other: str, other_sampling: str, ours_sampling: str = "square"
+) -> Margin:
     """Return what the headline method gains over another algorithm's image of the same scene."""
     ours, theirs = find(entries, OURS, ours_sampling), find(entries, other, other_sampling)
-    return Margin(
-        ours.quality.psnr_display - theirs.quality.psnr_display, ours.corrected - theirs.corrected
-    )
+    return Margin(ours.quality.psnr_display - theirs.quality.psnr_display, ours.corrected - theirs.corrected)
 
 
 def introduction(spp: int) -> Iterator[str]:
@@ -204,9 +204,12 @@ def headline(measured: dict[str, list[Entry]]) -> Iterator[str]:
         for scene, values in margins.items()
     ]
     yield markdown_table(["scene", *(head for head, _, _ in columns)], rows)
-    for head, other, sampling in columns[:2]:
-        yield verdict(head, TARGETS[other], {s: margin(e, other, sampling) for s, e in measured.items()})
-    yield fair_verdict({s: margin(e, DENOISER, "gaussian", "gaussian") for s, e in measured.items()})
+    verdicts = [
+        verdict(head, TARGETS[other], {s: margin(e, other, sampling) for s, e in measured.items()})
+        for head, other, sampling in columns[:2]
+    ]
+    both = fair_verdict({s: margin(e, DENOISER, "gaussian", "gaussian") for s, e in measured.items()})
+    yield "\n".join([*verdicts, both])
 
 
 def verdict(label: str, target: float, margins: dict[str, Margin]) -> str:

@@ -44,7 +44,7 @@ def provenance(command: str) -> str:
     Parameters
     ----------
     command : str
-        The command line that writes the page.
+        The command line that measures the same; without the places of files.
     """
     versions = ", ".join(f"{name} {_version(name)}" for name in _PACKAGES)
     return "\n".join(

@@ -32,7 +32,7 @@ def rule(
 
 
 def lens_sigma(filter_: LayerFilter) -> float:
-    return 1 / np.sqrt(2 * filter_.falloff)
+    return float(1 / np.sqrt(2 * filter_.falloff))
 
 
 class TestSheared:

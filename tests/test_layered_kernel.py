@@ -110,7 +110,7 @@ def test_dropped_samples_leave_no_trace() -> None:
     color = samples.color.copy()
     color[::3, ::2, 1] = np.nan
     with pytest.warns(UserWarning, match="dropped"):
-        dropped = replace(samples, color=color, nan="drop")
+        dropped = SampleBuffer(samples.xy, samples.uv, samples.depth, color, samples.lens, nan="drop")
     xy = samples.xy.copy()
     xy[::3, ::2, 1] = OFF_IMAGE
     np.testing.assert_array_equal(reconstruct(dropped), reconstruct(replace(samples, xy=xy)))
@@ -124,9 +124,9 @@ def test_guard_band_is_used() -> None:
     inner = reconstruct(large)[32:64, 32:64]
     assert_agree(reconstruct(cropped)[:32, :32], inner, tolerance=1e-5)
 
-    inside_only = SampleBuffer(
-        *(a[32:64, 32:64] for a in (cropped.xy, large.uv, large.depth, large.color)), lens
-    )
+    rows = columns = slice(32, 64)
+    xy, uv, depth, color = (a[rows, columns] for a in (cropped.xy, large.uv, large.depth, large.color))
+    inside_only = SampleBuffer(xy, uv, depth, color, lens)
     assert np.abs(reconstruct(inside_only) - inner).max() > 1e-3
 
 

@@ -41,7 +41,8 @@ def test_constant_image_stays_constant(method: str, device: str) -> None:
     rng = np.random.default_rng(0)
     lens = Lens(-50.0, 10.0, "gaussian", "square")
     samples = sample([Plane(5.0, constant(0.75, 0.5, 2.0))], lens, 40, 50, 2)
-    samples = replace(samples, depth=5.0 * np.exp(rng.normal(0.0, 1.0, samples.depth.shape)))
+    depth = 5.0 * np.exp(rng.normal(0.0, 1.0, samples.depth.shape))
+    samples = replace(samples, depth=depth.astype(np.float32))
     image = reconstruct(samples, method, device=device)
     np.testing.assert_allclose(image, np.broadcast_to([0.75, 0.5, 2.0], image.shape), rtol=1e-5)
 
@@ -66,7 +67,7 @@ def test_disc_is_blurred_as_the_gaussian_of_equal_second_moment(slope: float) ->
     variance = 0.5**2 + slope**2 / 4
     attenuation = np.exp(-2 * np.pi**2 * variance * np.square(texture.frequency).sum(axis=-1))
     blurred = replace(texture, amplitude=texture.amplitude * attenuation[:, None])
-    centers = np.stack(np.meshgrid(np.arange(SIZE), np.arange(SIZE)), axis=-1) + 0.5
+    centers = np.moveaxis(np.indices((SIZE, SIZE), np.float64)[::-1], 0, -1) + 0.5
     inner = slice(BORDER, -BORDER)
     assert psnr_display(reconstruct(samples)[inner, inner], blurred(centers)[inner, inner]) > 46.0
 

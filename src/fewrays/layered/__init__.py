@@ -31,7 +31,8 @@ class _TileOptions:
     sigma_pix: float = 0.5
     """Standard deviation of the Gaussian pixel filter, in pixels."""
     partitions: int = 25
-    """Depth partitions on either side of the focal plane; fewer are faster and noisier. (Published: 15.)"""
+    """Depth partitions on either side of the focal plane, fewer where boundaries share a bin; fewer are
+    faster and noisier. (Published: 15.)"""
     partition_sigma_x: float = 16.0
     """Screen-space extent that the filter of a whole partition may have, in pixels: larger makes partitions
     narrower and more. (Published: 8.)"""
@@ -82,7 +83,11 @@ class LayeredOptions(_TileOptions):
 
     @classmethod
     def published(cls) -> LayeredOptions:
-        """Return the options that give the method as published: no deviation in filters or partitions."""
+        """Return the options that give the published filters and partitions.
+
+        What remains: a disc lens becomes a Gaussian, importance samples are never weighted up, slope ranges
+        are exact instead of rounded to bins, and the result is divided by the accumulated opacity.
+        """
         return cls(partitions=15, partition_sigma_x=8.0, screen_filter="paper", occluded_sigma_x=8.0)
 
     def __post_init__(self) -> None:
@@ -95,8 +100,12 @@ class LayeredOptions(_TileOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class LayeredAxisAlignedOptions(_TileOptions):
-    """Options of ``method="layered-axis-aligned"``, the paper's OURAA."""
+    """Options of ``method="layered-axis-aligned"``, the paper's OURAA, with the published partitions."""
 
+    partitions: int = 15
+    """Depth partitions on either side of the focal plane."""
+    partition_sigma_x: float = 8.0
+    """Screen-space extent that the sheared filter of a whole partition may have, in pixels."""
     k: float = 2.0
     """Divisor of the filter widths, which keeps more of the aperture's spectrum."""
 
