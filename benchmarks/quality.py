@@ -167,9 +167,10 @@ def introduction(spp: int) -> Iterator[str]:
         "**Same truth for everyone.** An image is compared with a reference of its own pixel filter: the "
         f"box filter for the plain average of each pixel's samples (`{PLAIN}`) and for {DENOISER}, which is "
         "given that average; the Gaussian of σ = 0.5 px for the others. References are brute-force averages "
-        "and have noise of their own, stated as the PSNR that it leaves. No image can measure better than "
-        "that, however good it is, and the noise is larger under the narrower box filter. The column "
-        "*noise taken out* therefore subtracts the reference's noise from the mean squared error."
+        "and have noise of their own, stated as the PSNR that it leaves. No image can measure noticeably "
+        "better than that, however good it is, and the noise is larger under the narrower box filter. The "
+        "column *noise taken out* therefore repeats the PSNR after gamma 2.2 with the reference's noise "
+        "subtracted from the mean squared error; the other columns are as measured."
     )
     yield (
         "**Same samples for everyone.** The layered paper spreads lens positions uniformly over the square "
@@ -180,6 +181,11 @@ def introduction(spp: int) -> Iterator[str]:
     yield (
         f"**The peer at its best.** {DENOISER} runs at high quality in HDR mode. It knows neither depth nor "
         "lens positions: it is the tool that users have today, not an algorithm for the same input."
+    )
+    yield (
+        "**Pictures** are of the *square* samples. Their reference has the Gaussian pixel filter; the plain "
+        f"average and {DENOISER}'s image have the box filter, so that a part of their error maps in sharp "
+        "places is the difference of the filters. The figures above the images are free of that."
     )
 
 
@@ -250,9 +256,6 @@ def scene_section(scene: Scene, entries: Sequence[Entry]) -> str:
             f"pixel; the PSNR that their noise leaves: {references}.",
             markdown_table(head, [table_row(e) for e in entries]),
             f"![{scene.name}: box image, {DENOISER}, {OURS}, reference](images/{scene.name}.png)",
-            f"The picture is of the *square* samples. Its reference has the Gaussian pixel filter; the box "
-            f"image and {DENOISER}'s have the box filter, so that a part of their error maps in sharp places "
-            "is the difference of the filters. The figures above the images are free of that.",
         ]
     )
 
