@@ -1,6 +1,7 @@
 #include "layered.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <utility>
 #include <vector>
@@ -136,14 +137,19 @@ FEWRAYS_CLONES void bins_and_weights(const float* FEWRAYS_RESTRICT x, const floa
                                      std::int32_t* FEWRAYS_RESTRICT bins, float* FEWRAYS_RESTRICT weights) {
     const auto bins_per_pixel = static_cast<float>(window.bins_per_pixel);
     const int segment = window.segment, stride = window.stride, size = window.size, per_pixel = window.bins_per_pixel;
+    const float last = std::nextafter(side, 0.0f);
     for (int i = 0; i < n; ++i) {
         const float qx = x[i] - eta * u[i] - corner, qy = y[i] - eta * v[i] - corner;
-        const bool inside = (qx >= 0) & (qx < side) & (qy >= 0) & (qy < side);
-        const float safe_x = inside ? qx : 0.0f, safe_y = inside ? qy : 0.0f;
-        const auto column = static_cast<std::int32_t>(safe_x), row = static_cast<std::int32_t>(safe_y);
-        const auto phase = static_cast<std::int32_t>((safe_x - static_cast<float>(column)) * bins_per_pixel);
-        const auto sub_row = static_cast<std::int32_t>((safe_y - static_cast<float>(row)) * bins_per_pixel);
-        bins[i] = inside ? (row * per_pixel + sub_row) * stride + phase * segment + column : size;
+        float in_x = qx > 0.0f ? qx : 0.0f, in_y = qy > 0.0f ? qy : 0.0f;
+        in_x = in_x < last ? in_x : last;
+        in_y = in_y < last ? in_y : last;
+        const auto column = static_cast<std::int32_t>(in_x), row = static_cast<std::int32_t>(in_y);
+        const auto phase = static_cast<std::int32_t>((in_x - static_cast<float>(column)) * bins_per_pixel);
+        const auto sub_row = static_cast<std::int32_t>((in_y - static_cast<float>(row)) * bins_per_pixel);
+        const std::int32_t bin = (row * per_pixel + sub_row) * stride + phase * segment + column;
+        // A choice by arithmetic: written with ?: the compiler would branch around all of the above.
+        const std::int32_t inside = -(static_cast<std::int32_t>(in_x == qx) & static_cast<std::int32_t>(in_y == qy));
+        bins[i] = (bin & inside) | (size & ~inside);
         weights[i] = exp_negative(-falloff * (u[i] * u[i] + v[i] * v[i]));
     }
 }
