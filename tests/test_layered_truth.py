@@ -151,9 +151,23 @@ class TestTwoDiscs:
         assert error["layered"] < 0.7 * error["published"]
 
 
-def test_refocused_lens_reconstructs_its_own_image() -> None:
-    """A lens that was refocused and stopped down is a lens like any other."""
-    planes = [Plane(2.0, smooth_noise(8, seed=1), disc((40, 40), 20)), Plane(6.0, smooth_noise(8, seed=2))]
-    refocused = Lens(-20.0, 4.0, "gaussian", "square").refocus(focus_distance=2.0, aperture_scale=0.5)
-    truth = reference(planes, refocused, 80, 80, spp=512)
-    assert psnr_display(reconstruct(sample(planes, refocused, 80, 80, 8)), truth) > 34.0
+class TestRefocusing:
+    """Samples taken through one lens give the image of another."""
+
+    lens = Lens(-40.0, 10.0, "gaussian", "square")  # focused at 4
+    planes = (Plane(2.0, smooth_noise(4, seed=1), disc((48, 48), 20)), Plane(6.0, smooth_noise(4, seed=2)))
+
+    @pytest.mark.parametrize(
+        ("focus_distance", "aperture_scale"), [(2.0, 1.0), (6.0, 1.0), (None, 0.5), (3.0, 0.5), (None, 0.0)]
+    )
+    def test_equals_the_image_of_the_other_lens(
+        self, focus_distance: float | None, aperture_scale: float
+    ) -> None:
+        samples = sample(self.planes, self.lens, SIZE, SIZE, 8)
+        refocused = samples.refocus(focus_distance, aperture_scale)
+        truth = reference(self.planes, refocused.lens, SIZE, SIZE, spp=256)
+        unchanged = psnr_display(reconstruct(samples), truth)
+        inner = slice(12, -12)
+        assert psnr_display(reconstruct(refocused)[inner, inner], truth[inner, inner]) > max(
+            30.0, unchanged + 6
+        )

@@ -1,5 +1,6 @@
 """What a sample buffer accepts, converts and rejects."""
 
+import dataclasses
 import warnings
 from typing import Any
 
@@ -51,11 +52,24 @@ def test_float32_arrays_are_shared_and_others_converted() -> None:
     assert strided.depth.flags.c_contiguous
 
 
-def test_with_lens_shares_the_arrays() -> None:
+def test_another_aperture_shares_the_arrays() -> None:
     samples = SampleBuffer(**_fields())
-    other = samples.with_lens(LENS.refocus(3.0))
+    other = samples.with_lens(dataclasses.replace(LENS, aperture="gaussian"))
     assert np.shares_memory(other.xy, samples.xy)
-    assert other.lens.focus_distance == pytest.approx(3.0)
+    assert other.lens.aperture == "gaussian"
+
+
+@pytest.mark.parametrize(("focus", "scale"), [(3.0, 1.0), (None, 0.5), (np.inf, 2.0), (1.5, 0.0)])
+def test_refocusing_keeps_what_the_lens_centre_sees(focus: float | None, scale: float) -> None:
+    rng = np.random.default_rng(1)
+    depth = rng.uniform(0.5, 50.0, SHAPE)
+    samples = SampleBuffer(**_fields(depth=depth, uv=rng.uniform(-0.7, 0.7, (*SHAPE, 2))))
+    other = samples.refocus(focus, scale)
+    assert other.lens == LENS.refocus(focus, scale)
+    seen = [s.xy - s.slope()[..., None] * s.uv for s in (samples, other)]
+    np.testing.assert_allclose(seen[1], seen[0], atol=1e-4)
+    back = other.with_lens(LENS)
+    np.testing.assert_allclose(back.xy, samples.xy, atol=1e-4)
 
 
 def test_positions_off_the_image_are_legal() -> None:

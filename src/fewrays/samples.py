@@ -148,8 +148,41 @@ class SampleBuffer:
         return self.lens.slope(self.depth).astype(np.float32, copy=False)
 
     def with_lens(self, lens: Lens) -> SampleBuffer:
-        """Return the same samples seen through another lens, for refocusing; the arrays are shared."""
-        return replace(self, lens=lens)
+        """Return the samples as they would be, had they been traced through another lens.
+
+        Each ray keeps its lens position and the surface point that it hit. The lens centre sees that point
+        where it did; the ray's image position becomes ``xy + (C'(depth) - C(depth)) uv``. Samples may leave
+        their pixels and the image. Arrays that do not change are shared.
+
+        Parameters
+        ----------
+        lens : Lens
+            The other lens, in the same image.
+
+        Returns
+        -------
+        SampleBuffer
+        """
+        if (lens.c0, lens.c1) == (self.lens.c0, self.lens.c1):
+            return replace(self, lens=lens)
+        shear = lens.slope(self.depth) - self.slope()
+        return replace(self, lens=lens, xy=self.xy + shear[..., None] * self.uv)
+
+    def refocus(self, focus_distance: float | None = None, aperture_scale: float = 1.0) -> SampleBuffer:
+        """Return the samples for a lens focused elsewhere or of another radius (temporal, section 6).
+
+        Parameters
+        ----------
+        focus_distance, aperture_scale
+            As for `Lens.refocus`.
+
+        Returns
+        -------
+        SampleBuffer
+            See `with_lens`. A changed radius keeps each ray's visibility, although from its new place on the
+            lens another surface may be in front.
+        """
+        return self.with_lens(self.lens.refocus(focus_distance, aperture_scale))
 
     def __repr__(self) -> str:
         return (

@@ -143,7 +143,7 @@ class InputFlags:
         )
         if self.focus_distance is None and self.aperture_scale == 1:
             return samples
-        return samples.with_lens(samples.lens.refocus(self.focus_distance, self.aperture_scale))
+        return samples.refocus(self.focus_distance, self.aperture_scale)
 
 
 def check_output(path: Path, suffixes: Sequence[str]) -> None:
