@@ -24,6 +24,7 @@ from scenes.geometry import (
     to_mitsuba,
     tube,
 )
+from scenes.stage import sun, thin_lens
 
 __all__ = ["FOCUS", "LENS_RADIUS", "scene"]
 
@@ -50,24 +51,19 @@ def scene(width: int, height: int) -> dict[str, Any]:
         "scale": 0.055,
         "bsdf": matte,
     }
-    transform = mi.ScalarTransform4f
     return {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": 3},
-        "sensor": {
-            "type": "thinlens",
-            "fov": FOV,
-            "aperture_radius": LENS_RADIUS,
-            "focus_distance": FOCUS,
-            "near_clip": 0.05,
-            "to_world": transform().look_at([0.25, 1.55, 0], [0.0, 1.62, FOCUS], [0, 1, 0]),
-            "film": {"type": "hdrfilm", "width": width, "height": height, "pixel_format": "rgb"},
-        },
-        "sun": {
-            "type": "directional",
-            "direction": [-0.58, -0.56, 0.60],
-            "irradiance": {"type": "rgb", "value": [8.2, 6.7, 4.8]},
-        },
+        "sensor": thin_lens(
+            width,
+            height,
+            fov=FOV,
+            lens_radius=LENS_RADIUS,
+            focus_distance=FOCUS,
+            eye=[0.25, 1.55, 0],
+            target=[0.0, 1.62, FOCUS],
+        ),
+        "sun": sun([-0.58, -0.56, 0.60], [8.2, 6.7, 4.8]),
         "sky": {"type": "envmap", "bitmap": _sky()["bitmap"]},
         "masonry": to_mitsuba(_masonry(), stone, smooth=False),
         "columns": to_mitsuba(_columns(), matte),

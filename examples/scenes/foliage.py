@@ -23,6 +23,7 @@ from scenes.geometry import (
     to_mitsuba,
     tube,
 )
+from scenes.stage import sun, thin_lens
 
 __all__ = ["FOCUS", "LENS_RADIUS", "scene"]
 
@@ -35,8 +36,6 @@ RUST, STRAW = (0.40, 0.13, 0.03), (0.46, 0.34, 0.10)
 
 def scene(width: int, height: int) -> dict[str, Any]:
     """Return the scene as a Mitsuba dictionary; a variant must be active."""
-    import mitsuba as mi
-
     rng = np.random.default_rng(7)
     leafy = {
         "type": "principledthin",
@@ -49,24 +48,19 @@ def scene(width: int, height: int) -> dict[str, Any]:
         "type": "twosided",
         "bsdf": {"type": "principled", "base_color": leafy["base_color"], "roughness": 0.3, "specular": 0.4},
     }
-    transform = mi.ScalarTransform4f
     return {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": 3},
-        "sensor": {
-            "type": "thinlens",
-            "fov": FOV,
-            "aperture_radius": LENS_RADIUS,
-            "focus_distance": FOCUS,
-            "near_clip": 0.05,
-            "to_world": transform().look_at([0, 0.62, 0], [0, 0.50, FOCUS], [0, 1, 0]),
-            "film": {"type": "hdrfilm", "width": width, "height": height, "pixel_format": "rgb"},
-        },
-        "sun": {
-            "type": "directional",
-            "direction": [0.62, -0.72, -0.25],
-            "irradiance": {"type": "rgb", "value": [8.6, 7.4, 5.5]},
-        },
+        "sensor": thin_lens(
+            width,
+            height,
+            fov=FOV,
+            lens_radius=LENS_RADIUS,
+            focus_distance=FOCUS,
+            eye=[0, 0.62, 0],
+            target=[0, 0.50, FOCUS],
+        ),
+        "sun": sun([0.62, -0.72, -0.25], [8.6, 7.4, 5.5]),
         "sky": {"type": "envmap", "scale": 1.45, **_forest_light()},
         "ground": to_mitsuba(_ground(), matte),
         "trunks": to_mitsuba(_trunks(rng), matte),

@@ -23,6 +23,7 @@ from scenes.geometry import (
     to_mitsuba,
     tube,
 )
+from scenes.stage import sun, thin_lens
 
 __all__ = ["FOCUS", "LENS_RADIUS", "scene"]
 
@@ -33,8 +34,6 @@ FOV = 40.0
 
 def scene(width: int, height: int) -> dict[str, Any]:
     """Return the scene as a Mitsuba dictionary; a variant must be active."""
-    import mitsuba as mi
-
     vertex_color = {"type": "mesh_attribute", "name": "vertex_color"}
     glazed = {
         "type": "twosided",
@@ -42,24 +41,19 @@ def scene(width: int, height: int) -> dict[str, Any]:
     }
     matte = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": vertex_color}}
     mosaic = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": bitmap(_mosaic())}}
-    transform = mi.ScalarTransform4f
     return {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": 3},
-        "sensor": {
-            "type": "thinlens",
-            "fov": FOV,
-            "aperture_radius": LENS_RADIUS,
-            "focus_distance": FOCUS,
-            "near_clip": 0.05,
-            "to_world": transform().look_at([0, 1.30, 0], [0, 0.62, FOCUS], [0, 1, 0]),
-            "film": {"type": "hdrfilm", "width": width, "height": height, "pixel_format": "rgb"},
-        },
-        "sun": {
-            "type": "directional",
-            "direction": [-0.75, -0.8, 0.35],
-            "irradiance": {"type": "rgb", "value": [4.9, 4.2, 3.2]},
-        },
+        "sensor": thin_lens(
+            width,
+            height,
+            fov=FOV,
+            lens_radius=LENS_RADIUS,
+            focus_distance=FOCUS,
+            eye=[0, 1.30, 0],
+            target=[0, 0.62, FOCUS],
+        ),
+        "sun": sun([-0.75, -0.8, 0.35], [4.9, 4.2, 3.2]),
         "sky": {"type": "constant", "radiance": {"type": "rgb", "value": [0.58, 0.70, 0.88]}},
         "floor": to_mitsuba(_plane([-16, 0, 0.2], [32, 0, 0], [0, 0, 16.2], 16 / 2), mosaic, smooth=False),
         "wall": to_mitsuba(_plane([-16, 0, 12.0], [32, 0, 0], [0, 9, 0], 16 / 6), mosaic, smooth=False),
