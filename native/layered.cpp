@@ -41,30 +41,56 @@ struct TileSamples {
 struct Rectangle {
     float x_min, x_max, y_min, y_max;
     bool contains(float x, float y) const { return x >= x_min && x < x_max && y >= y_min && y < y_max; }
+    bool meets(const Extent& box) const {
+        return box.x_max >= x_min && box.x_min < x_max && box.y_max >= y_min && box.y_min < y_max;
+    }
 };
 
-// Calls visit(index) for every sample in the rectangle, always in the same order.
-template <typename Visit>
-void for_samples_in(const Rectangle& rectangle, const Samples& samples, const Extent* extents, int block,
-                    Visit&& visit) {
-    const int rows = (samples.height + block - 1) / block, columns = (samples.width + block - 1) / block;
-    for (int row = 0; row < rows; ++row) {
-        for (int column = 0; column < columns; ++column) {
-            const Extent& box = extents[std::ptrdiff_t{row} * columns + column];
-            if (!(box.x_max >= rectangle.x_min && box.x_min < rectangle.x_max && box.y_max >= rectangle.y_min &&
-                  box.y_min < rectangle.y_max))
-                continue;
-            const int i_end = std::min((row + 1) * block, samples.height);
-            const int j_end = std::min((column + 1) * block, samples.width);
-            for (int i = row * block; i < i_end; ++i) {
-                const std::ptrdiff_t pixel = std::ptrdiff_t{i} * samples.width;
-                const std::ptrdiff_t end = (pixel + j_end) * samples.spp;
-                for (std::ptrdiff_t k = (pixel + column * block) * samples.spp; k < end; ++k)
-                    if (rectangle.contains(samples.xy[2 * k], samples.xy[2 * k + 1])) visit(k);
+// Finds samples by where they lie: the extents of blocks of pixels, and of whole rows of blocks.
+class SampleIndex {
+public:
+    SampleIndex(const Samples& samples, const Extent* extents, int block)
+        : samples_(samples), extents_(extents), block_(block), columns_((samples.width + block - 1) / block) {
+        for (int row = 0; row * block < samples.height; ++row) {
+            Extent all = extents[std::ptrdiff_t{row} * columns_];
+            for (int column = 1; column < columns_; ++column) {
+                const Extent& box = extents[std::ptrdiff_t{row} * columns_ + column];
+                all = {std::min(all.x_min, box.x_min), std::max(all.x_max, box.x_max), std::min(all.y_min, box.y_min),
+                       std::max(all.y_max, box.y_max)};
             }
+            row_extents_.push_back(all);
         }
     }
-}
+
+    // Calls visit(index) for every sample in the rectangle, always in the same order.
+    template <typename Visit>
+    void visit_samples(const Rectangle& rectangle, Visit&& visit) const {
+        for (int row = 0; row < static_cast<int>(row_extents_.size()); ++row) {
+            if (!rectangle.meets(row_extents_[row])) continue;
+            for (int column = 0; column < columns_; ++column)
+                if (rectangle.meets(extents_[std::ptrdiff_t{row} * columns_ + column]))
+                    visit_block(row, column, rectangle, visit);
+        }
+    }
+
+private:
+    template <typename Visit>
+    void visit_block(int row, int column, const Rectangle& rectangle, Visit&& visit) const {
+        const int i_end = std::min((row + 1) * block_, samples_.height);
+        const int j_end = std::min((column + 1) * block_, samples_.width);
+        for (int i = row * block_; i < i_end; ++i) {
+            const std::ptrdiff_t pixel = std::ptrdiff_t{i} * samples_.width;
+            const std::ptrdiff_t end = (pixel + j_end) * samples_.spp;
+            for (std::ptrdiff_t k = (pixel + column * block_) * samples_.spp; k < end; ++k)
+                if (rectangle.contains(samples_.xy[2 * k], samples_.xy[2 * k + 1])) visit(k);
+        }
+    }
+
+    const Samples& samples_;
+    const Extent* extents_;
+    const int block_, columns_;
+    std::vector<Extent> row_extents_;
+};
 
 int partition_of(float c, const LayeredPlan& plan) {
     // Compare before converting: a slope may exceed the integers.
@@ -176,8 +202,7 @@ class TileReconstruction {
 public:
     TileReconstruction(const Samples& samples, const Extent* extents, int block, const LayeredPlan& plan)
         : samples_(samples),
-          extents_(extents),
-          block_(block),
+          index_(samples, extents, block),
           plan_(plan),
           width_(round_up(plan.tile)),
           pixels_(plan.tile * width_),
@@ -217,7 +242,7 @@ private:
         std::vector<Layer> partitions(plan_.partition_count, Layer{0, 1e300, -1e300, 0, 0});
         auto& visited = gathered_.partition;
         visited.clear();
-        for_samples_in(outer, samples_, extents_, block_, [&](std::ptrdiff_t k) {
+        index_.visit_samples(outer, [&](std::ptrdiff_t k) {
             const float c = slope(samples_.depth[k], samples_.c0, samples_.c1);
             const int index = partition_of(c, plan_);
             Layer& partition = partitions[index];
@@ -237,7 +262,7 @@ private:
         }
         gathered_.resize(begin);
         std::size_t visit = 0;
-        for_samples_in(outer, samples_, extents_, block_, [&](std::ptrdiff_t k) {
+        index_.visit_samples(outer, [&](std::ptrdiff_t k) {
             const int place = partitions[visited[visit++]].end++;
             gathered_.x[place] = samples_.xy[2 * k] - x0;
             gathered_.y[place] = samples_.xy[2 * k + 1] - y0;
@@ -372,8 +397,7 @@ private:
     }
 
     const Samples& samples_;
-    const Extent* extents_;
-    const int block_;
+    const SampleIndex index_;
     const LayeredPlan& plan_;
     const int width_;   // of the tile in memory: a whole number of column groups
     const int pixels_;  // of the tile in memory
