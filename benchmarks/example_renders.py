@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 import fewrays
 from fewrays.baselines.accumulation import FilterShape
+from fewrays.color import gamma_encode
 from fewrays.method import Image
 
 __all__ = ["SAMPLINGS", "SCENES", "Reference", "Scene", "load_scene", "require_match", "require_renders"]
@@ -120,9 +121,7 @@ def _blocks(image: Image) -> npt.NDArray[np.float64]:
     """Mean of every block of pixels, after gamma 2.2."""
     height, width = (side // _BLOCK for side in image.shape[:2])
     whole = image[: height * _BLOCK, : width * _BLOCK].astype(np.float64)
-    means = whole.reshape(height, _BLOCK, width, _BLOCK, 3).mean(axis=(1, 3))
-    encoded: npt.NDArray[np.float64] = np.clip(means, 0, 1) ** (1 / 2.2)
-    return encoded
+    return gamma_encode(whole.reshape(height, _BLOCK, width, _BLOCK, 3).mean(axis=(1, 3)))
 
 
 def _how_to_render(folder: Path, scenes: Sequence[str], spp: int) -> str:

@@ -39,15 +39,11 @@ def leaf_planes(
     SampleBuffer
     """
     rng = np.random.default_rng(seed)
-    stack = [Plane(_depth(8.0), smooth_noise(12.0, mean=rng.uniform(0.3, 0.9, 3).tolist(), seed=seed))]
+    stack = [Plane(_LENS.depth(8.0), smooth_noise(12.0, mean=rng.uniform(0.3, 0.9, 3).tolist(), seed=seed))]
     for number, slope in enumerate(np.linspace(-16, 7, planes)):
         color = smooth_noise(6.0, mean=rng.uniform(0.2, 0.8, 3).tolist(), waves=8, seed=seed + 1 + number)
-        stack.append(Plane(_depth(float(slope)), color, _leaves(height, width, share, rng)))
+        stack.append(Plane(_LENS.depth(float(slope)), color, _leaves(height, width, share, rng)))
     return sample(stack, _LENS, height, width, spp, seed=seed)
-
-
-def _depth(slope: float) -> float:
-    return _LENS.c0 / (slope - _LENS.c1)
 
 
 def _leaves(height: int, width: int, share: float, rng: np.random.Generator) -> Mask:

@@ -104,7 +104,7 @@ LENS = make_lens()
 
 def at_slope(slope: float) -> float:
     """Return the depth at which `make_lens` has this slope."""
-    return LENS.c0 / (slope - LENS.c1)
+    return LENS.depth(slope)
 
 
 # Scenes.

@@ -26,10 +26,6 @@ SIZE = 96
 BORDER = 24  # no samples lie outside the image, so its edge is no test of an unbounded plane
 
 
-def depth_of_slope(lens: Lens, slope: float) -> float:
-    return lens.c0 / (slope - lens.c1)
-
-
 def lens_with(aperture: Aperture = "gaussian", sampling: Sampling = "square") -> Lens:
     return Lens(-500.0, 100.0, aperture, sampling)
 
@@ -51,7 +47,7 @@ def test_constant_image_stays_constant(method: str, device: str) -> None:
 @pytest.mark.parametrize("sampling", ["square", "disc", "gaussian"])
 def test_textured_plane_matches_its_exact_blur(slope: float, sampling: Sampling) -> None:
     lens = lens_with(sampling=sampling)
-    depth = depth_of_slope(lens, slope)
+    depth = lens.depth(slope)
     texture = smooth_noise(6, seed=3)
     image = reconstruct(sample([Plane(depth, texture)], lens, SIZE, SIZE, 8))
     exact = exact_waves(texture, depth, lens, SIZE, SIZE)
@@ -63,7 +59,7 @@ def test_textured_plane_matches_its_exact_blur(slope: float, sampling: Sampling)
 def test_disc_is_blurred_as_the_gaussian_of_equal_second_moment(slope: float) -> None:
     lens = lens_with("disc", "disc")
     texture = smooth_noise(6, seed=3)
-    samples = sample([Plane(depth_of_slope(lens, slope), texture)], lens, SIZE, SIZE, 8)
+    samples = sample([Plane(lens.depth(slope), texture)], lens, SIZE, SIZE, 8)
     variance = 0.5**2 + slope**2 / 4
     attenuation = np.exp(-2 * np.pi**2 * variance * np.square(texture.frequency).sum(axis=-1))
     blurred = replace(texture, amplitude=texture.amplitude * attenuation[:, None])
@@ -112,9 +108,9 @@ class TestTwoDiscs:
     @classmethod
     def images(cls) -> dict[str, Image]:
         lens = lens_with()
-        front = Plane(depth_of_slope(lens, -24.0), constant(1.0, 0.0, 0.0), disc((48, 48), 14))
-        back = Plane(depth_of_slope(lens, 24.0), constant(0.0, 1.0, 0.0), disc((48, 48), 14))
-        black = Plane(depth_of_slope(lens, 30.0), constant(0.0))
+        front = Plane(lens.depth(-24.0), constant(1.0, 0.0, 0.0), disc((48, 48), 14))
+        back = Plane(lens.depth(24.0), constant(0.0, 1.0, 0.0), disc((48, 48), 14))
+        black = Plane(lens.depth(30.0), constant(0.0))
         samples = sample([front, back, black], lens, SIZE, SIZE, 16)
         alone = [reference([plane, black], lens, SIZE, SIZE, spp=512) for plane in (front, back)]
         return {

@@ -191,3 +191,18 @@ def test_bad_aperture_scales(scale: float) -> None:
 def test_bad_focus_distances(focus: float) -> None:
     with pytest.raises(SampleError, match="focus_distance"):
         Lens(-1.0, 1.0).refocus(focus)
+
+
+def test_depth_is_the_inverse_of_slope() -> None:
+    lens = Lens(-40.0, 8.0)
+    for slope in (-30.0, 0.0, 7.5):
+        assert float(lens.slope(lens.depth(slope))) == pytest.approx(slope, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("lens", "slope"), [(Lens(-40.0, 8.0), 8.0), (Lens(-40.0, 8.0), np.nan), (Lens(0, 0), 0.0)]
+)
+def test_slopes_that_no_depth_has_are_rejected(lens: Lens, slope: float) -> None:
+    with pytest.raises(SampleError) as caught:
+        lens.depth(slope)
+    assert caught.value.field == "slope"

@@ -44,13 +44,17 @@ FEWRAYS_HD inline double lens_moment(double precision, Sampling sampling) {
     return (1 - edge) / precision;
 }
 
+// Reciprocal variance of a Gaussian sampling density; 0 for a uniform one.
+FEWRAYS_HD inline double density_precision(const FilterRule& rule) {
+    return rule.sampling == Sampling::gaussian ? 1 / (rule.sampling_sigma * rule.sampling_sigma) : 0.0;
+}
+
 // Axis-aligned filter after Mehta et al. 2012 (section 7 of the layered paper).
 FEWRAYS_HD inline LayerFilter axis_aligned_filter(double c_min, double c_max, const FilterRule& rule) {
     const bool crosses = c_min <= 0 && c_max >= 0;
     const double nearest = crosses ? 0.0 : std::fmin(std::fabs(c_min), std::fabs(c_max));
     const double sigma = std::fmin(std::fmax(nearest * rule.sigma_u / rule.k, rule.sigma_pix), rule.max_sigma_x);
-    const double density = rule.sampling == Sampling::gaussian ? 1 / (rule.sampling_sigma * rule.sampling_sigma) : 0.0;
-    const double falloff = 0.5 * std::fmax(1 / (rule.sigma_u * rule.sigma_u) - density, 0.0);
+    const double falloff = 0.5 * std::fmax(1 / (rule.sigma_u * rule.sigma_u) - density_precision(rule), 0.0);
     return {0.0, sigma * sigma, falloff};
 }
 
@@ -96,12 +100,8 @@ FEWRAYS_HD inline LayerFilter sheared_filter(double c_min, double c_max, const F
         sigma_screen = std::fmax(sigma_x * sigma_u / std::sqrt(gamma2), sigma_pix);
     }
 
-    double density_precision = 0;
-    if (rule.sampling == Sampling::gaussian) {
-        density_precision = 1 / (rule.sampling_sigma * rule.sampling_sigma);
-        lens_precision = std::fmax(lens_precision, density_precision);
-    }
-    const double falloff = 0.5 * (lens_precision - density_precision);
+    lens_precision = std::fmax(lens_precision, density_precision(rule));
+    const double falloff = 0.5 * (lens_precision - density_precision(rule));
     if (rule.family == FilterFamily::paper) return {eta, sigma_screen * sigma_screen, falloff};
 
     const double residual = (center - eta) * (center - eta) * lens_moment(lens_precision, rule.sampling);

@@ -1,7 +1,7 @@
-"""The sRGB transfer functions (IEC 61966-2-1) between linear radiance and display values.
+"""Transfer functions between linear radiance and display values: sRGB (IEC 61966-2-1), and a plain gamma.
 
-A display value is linear below 0.0031308 and follows a power of 1/2.4 above, so that the eye sees equal
-steps.
+sRGB is for pictures: linear below 0.0031308 and a power of 1/2.4 above, so that the eye sees equal steps. The
+gamma is for error figures, as in the papers.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["srgb_decode", "srgb_encode"]
+__all__ = ["gamma_encode", "srgb_decode", "srgb_encode"]
 
 _LINEAR_END = 0.0031308  # where the two pieces meet, in linear light
 _DISPLAY_END = 12.92 * _LINEAR_END
@@ -50,3 +50,22 @@ def srgb_decode(display: npt.ArrayLike) -> npt.NDArray[np.float32]:
     value = np.clip(np.asarray(display, np.float32), 0, 1)
     light = np.where(value <= _DISPLAY_END, value / 12.92, ((value + 0.055) / 1.055) ** np.float32(2.4))
     return light.astype(np.float32, copy=False)
+
+
+def gamma_encode(linear: npt.NDArray[np.float64], gamma: float = 2.2) -> npt.NDArray[np.float64]:
+    """Clip linear light to ``[0, 1]`` and raise it to ``1 / gamma``.
+
+    Parameters
+    ----------
+    linear : ndarray
+        Linear light, 1 = display white, any shape.
+    gamma : float
+        2.2 for the project's error figures.
+
+    Returns
+    -------
+    ndarray
+        float64 in ``[0, 1]``, the shape of `linear`.
+    """
+    encoded: npt.NDArray[np.float64] = np.clip(linear, 0, 1) ** (1 / gamma)
+    return encoded

@@ -1,10 +1,13 @@
-"""The one exception type that bad input raises."""
+"""The one exception type that bad input raises, and where in an array the trouble starts."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["SampleError"]
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["SampleError", "first_index"]
 
 
 class SampleError(ValueError):
@@ -29,3 +32,8 @@ class SampleError(ValueError):
     def in_file(self, file: str | Path) -> SampleError:
         """Return the same error, naming the file that the data came from."""
         return SampleError(self.problem, file=file, field=self.field)
+
+
+def first_index(mask: npt.NDArray[np.bool_]) -> tuple[int, ...]:
+    """Return the index of the first true value of a mask that has one."""
+    return tuple(int(i) for i in np.unravel_index(int(np.argmax(mask)), mask.shape))

@@ -214,6 +214,18 @@ class Lens:
         result: npt.NDArray[np.floating] = coefficients[0] / depth.astype(dtype, copy=False) + coefficients[1]
         return result
 
+    def depth(self, slope: float) -> float:
+        """Planar depth in scene units at which the slope is `slope` pixels; the inverse of `slope`.
+
+        Raises
+        ------
+        SampleError
+            For a slope that no positive depth has: at or beyond that of infinity, or of a pinhole.
+        """
+        if self.c0 == 0 or not slope < self.c1:
+            raise SampleError(f"expected less than {self.c1:g} px, got {slope!r}", field="slope")
+        return self.c0 / (slope - self.c1)
+
     def refocus(self, focus_distance: float | None = None, aperture_scale: float = 1.0) -> Lens:
         """Return the lens focused elsewhere or with its radius scaled.
 

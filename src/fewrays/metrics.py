@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fewrays.color import srgb_encode
-from fewrays.errors import SampleError
+from fewrays.color import gamma_encode, srgb_encode
+from fewrays.errors import SampleError, first_index
 from fewrays.method import Image
 
 __all__ = [
@@ -146,7 +146,7 @@ def psnr_display(image: npt.ArrayLike, reference: npt.ArrayLike) -> float:
         As `compare`.
     """
     image, reference = _checked(image, reference)
-    return psnr(_gamma(image), _gamma(reference))
+    return psnr(gamma_encode(image), gamma_encode(reference))
 
 
 def relmse(image: npt.ArrayLike, reference: npt.ArrayLike) -> float:
@@ -177,8 +177,8 @@ def ssim(image: npt.ArrayLike, reference: npt.ArrayLike) -> float:
     metrics = _import("skimage.metrics")
     return float(
         metrics.structural_similarity(
-            _gamma(reference),
-            _gamma(image),
+            gamma_encode(reference),
+            gamma_encode(image),
             data_range=1.0,
             channel_axis=-1,
             gaussian_weights=True,
@@ -244,11 +244,6 @@ def _evaluate_flip(image: npt.ArrayLike, reference: npt.ArrayLike, *, magma: boo
     return result
 
 
-def _gamma(image: Floats) -> Floats:
-    result: Floats = np.clip(image, 0, 1) ** (1 / 2.2)
-    return result
-
-
 def _checked(image: npt.ArrayLike, reference: npt.ArrayLike) -> tuple[Floats, Floats]:
     arrays = {"image": np.asarray(image), "reference": np.asarray(reference)}
     for name, array in arrays.items():
@@ -258,7 +253,7 @@ def _checked(image: npt.ArrayLike, reference: npt.ArrayLike) -> tuple[Floats, Fl
             )
         finite = np.isfinite(array)
         if not finite.all():
-            index = tuple(int(i) for i in np.unravel_index(int(np.argmin(finite)), array.shape))
+            index = first_index(~finite)
             raise SampleError(
                 f"{array.size - int(finite.sum())} of {array.size} values are NaN or infinite, the first at "
                 f"{list(index)}: {array[index]}",

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from fewrays.errors import SampleError
+from fewrays.errors import SampleError, first_index
 from fewrays.lens import Lens
 
 __all__ = ["MAX_IMAGE_SIZE", "MAX_SAMPLES", "OFF_IMAGE", "SampleBuffer"]
@@ -239,7 +239,7 @@ def _check_finite(arrays: dict[str, Float32], *, drop: bool) -> dict[str, Float3
         if finite.all():
             continue
         if not drop:
-            index = _first(~finite)
+            index = first_index(~finite)
             raise SampleError(
                 f"{finite.size - int(finite.sum())} of {finite.size} values are NaN or infinite, the first "
                 f"at {list(index)}: {array[index]}; mend the renderer's output or pass nan='drop'",
@@ -299,11 +299,7 @@ def _check_range(
     good = accept(array)
     if good.all():
         return
-    index = _first(~good)
+    index = first_index(~good)
     value = (array if shown is None else shown)[index]
     count = good.size - int(good.sum())
     raise SampleError(f"value {value} at {list(index)} ({count} such): {hint}", field=name)
-
-
-def _first(mask: npt.NDArray[np.bool_]) -> tuple[int, ...]:
-    return tuple(int(i) for i in np.unravel_index(int(np.argmax(mask)), mask.shape))

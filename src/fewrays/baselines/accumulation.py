@@ -16,6 +16,7 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from fewrays.color import gamma_encode
 from fewrays.errors import SampleError
 from fewrays.method import Image
 from fewrays.samples import SampleBuffer
@@ -124,7 +125,7 @@ class Accumulator:
         """
         if self.batches < 2:
             raise SampleError(f"the noise estimate needs two batches, got {self.batches}", field="batches")
-        first, second = (np.clip(_normalise(half), 0, 1) ** (1 / gamma) for half in self._halves)
+        first, second = (gamma_encode(_normalise(half), gamma) for half in self._halves)
         error = float(np.mean(np.square((first - second) / 2)))
         return math.inf if error == 0 else -10 * math.log10(error)
 

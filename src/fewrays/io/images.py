@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from fewrays.errors import SampleError
+from fewrays.errors import SampleError, first_index
 from fewrays.io import image_exr, image_npy, image_png
 from fewrays.io.files import as_path, open_file, replace_files
 from fewrays.io.image_format import Image, ImageFormat
@@ -107,10 +107,10 @@ def _checked(image: npt.ArrayLike, path: Path) -> Image:
         pixels = np.ascontiguousarray(array, np.float32)
     finite = np.isfinite(pixels)
     if not finite.all():
-        index = [int(i) for i in np.unravel_index(int(np.argmin(finite)), finite.shape)]
+        index = first_index(~finite)
         raise SampleError(
-            f"{finite.size - int(finite.sum())} values are NaN or infinite, the first at {index}: "
-            f"{pixels[tuple(index)]}",
+            f"{finite.size - int(finite.sum())} values are NaN or infinite, the first at {list(index)}: "
+            f"{pixels[index]}",
             file=path,
             field="image",
         )

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
 
-from fewrays.errors import SampleError
+from fewrays.errors import SampleError, first_index
 from fewrays.io.files import check_deflate_ratio, open_file, replace_files
 from fewrays.io.formats import Format, StoredSamples, check_size
 from fewrays.io.npy_header import ArrayHeader, read_array, read_header
@@ -141,9 +141,9 @@ def _as_half(color: npt.NDArray[np.float32]) -> npt.NDArray[np.float16]:
         half = color.astype(np.float16)
     bad = ~np.isfinite(half)
     if bad.any():
-        index = np.unravel_index(int(np.argmax(bad)), bad.shape)
+        index = first_index(bad)
         raise SampleError(
-            f"value {color[index]} at {[int(i) for i in index]} does not fit into float16 "
+            f"value {color[index]} at {list(index)} does not fit into float16 "
             "(65504 at most); save without half",
             field="color",
         )

@@ -52,6 +52,8 @@ __all__ = [
     "LayerFilter",
     "ScreenKernel",
     "axis_aligned_filter",
+    "central_slope",
+    "covering_share",
     "screen_taps",
     "sheared_filter",
 ]
@@ -156,6 +158,11 @@ class FilterRule:
         occluded = max_sigma_x if occluded_sigma_x is None else min(occluded_sigma_x, max_sigma_x)
         return cls(family, sigma_pix, sigma_u, max_sigma_x, occluded, lens.sampling, lens.sigma, moment, k)
 
+    @property
+    def density_precision(self) -> float:
+        """Reciprocal variance of a Gaussian sampling density, in lens units⁻²; 0 for a uniform one."""
+        return 1 / self.sampling_sigma**2 if self.sampling == "gaussian" else 0.0
+
     def sigma_x_limit(self, occlusion: float) -> float:
         """Largest ``sigma_x`` in pixels of a layer of which others cover the share `occlusion`."""
         uncovered = max(0.0, 1 - occlusion / _FULLY_OCCLUDED)
@@ -210,7 +217,7 @@ def sheared_filter(c_min: float, c_max: float, rule: FilterRule, sigma_x_limit: 
         product, spread = c_min * c_max, c_max - c_min
         unlimited = product >= sigma_x_limit * spread / (2 * sigma_u)
         sigma_x = sigma_x_limit if unlimited else 2 * sigma_u * product / spread
-        center = 2 * product / (c_min + c_max)  # Eq. 13
+        center = central_slope(c_min, c_max)
         # Eq. 22, in terms of s = sigma_x / c_avg so that sigma_x = 0 needs no case of its own.
         s = sigma_x / center if center else 0.0
         gamma2 = sigma_u**2 + s**2
@@ -218,13 +225,10 @@ def sheared_filter(c_min: float, c_max: float, rule: FilterRule, sigma_x_limit: 
         lens_precision = 1 / gamma2
         sigma_screen = max(sigma_x * sigma_u / math.sqrt(gamma2), sigma_pix)
 
-    density_precision = 0.0
-    if rule.sampling == "gaussian":
-        # Dividing by the density of importance samples would let the few samples near the rim outweigh all
-        # others. The lens filter is therefore never made wider than the density.
-        density_precision = 1 / rule.sampling_sigma**2
-        lens_precision = max(lens_precision, density_precision)
-    falloff = 0.5 * (lens_precision - density_precision)
+    # Dividing by the density of importance samples would let the few samples near the rim outweigh all
+    # others. The lens filter is therefore never made wider than the density.
+    lens_precision = max(lens_precision, rule.density_precision)
+    falloff = 0.5 * (lens_precision - rule.density_precision)
 
     if rule.family == "paper":
         return LayerFilter(eta, sigma_screen**2, falloff)
@@ -241,9 +245,25 @@ def axis_aligned_filter(c_min: float, c_max: float, rule: FilterRule) -> LayerFi
     """
     nearest = 0.0 if c_min <= 0 <= c_max else min(abs(c_min), abs(c_max))
     sigma = min(max(nearest * rule.sigma_u / rule.k, rule.sigma_pix), rule.max_sigma_x)
-    density_precision = 1 / rule.sampling_sigma**2 if rule.sampling == "gaussian" else 0.0
-    falloff = 0.5 * max(1 / rule.sigma_u**2 - density_precision, 0.0)
+    falloff = 0.5 * max(1 / rule.sigma_u**2 - rule.density_precision, 0.0)
     return LayerFilter(0.0, sigma**2, falloff)
+
+
+def central_slope(c_min: float, c_max: float) -> float:
+    """Return the central slope of a layer (Eq. 13) in pixels; 0 where it spans the focal plane."""
+    product = c_min * c_max
+    return 2 * product / (c_min + c_max) if product > 0 else 0.0
+
+
+def covering_share(front: float, center: float) -> float:
+    """Return how much a sample of slope `front` counts as a cover of a layer of slope `center`, 0 to 1.
+
+    Going from one lens point to another, the cover moves over the layer by ``|front - center|`` where the
+    layer itself moves by ``|center|``: covers of about the same slope stay where they are, so that
+    neighbouring layers of one slanted surface hardly count. From twice the layer's own motion on, they count
+    in full.
+    """
+    return min(1.0, 0.5 * abs(front - center) / abs(center)) if center else 1.0
 
 
 def lens_moment(precision: float, sampling: Sampling) -> float:

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from fewrays.layered.filters import central_slope, covering_share
+
 __all__ = ["Layer", "Partitions", "active_layers", "occlusion"]
 
 
@@ -101,17 +103,11 @@ class Layer:
     @property
     def center(self) -> float:
         """Central slope in pixels (Eq. 13); 0 for a layer that spans the focal plane."""
-        product = self.c_min * self.c_max
-        return 2 * product / (self.c_min + self.c_max) if product > 0 else 0.0
+        return central_slope(self.c_min, self.c_max)
 
 
 def occlusion(layers: Sequence[Layer], index: int) -> float:
     """Share of a tile's samples that cover a layer, weighted by how differently they shear.
-
-    Going from one lens point to another, a cover of slope c' moves over a surface of slope c by ``|c' - c|``
-    where the surface itself moves by ``|c|``: covers of about the same slope stay where they are, so that
-    neighbouring layers of one slanted surface hardly count. From twice the surface's own motion on, they
-    count in full.
 
     Parameters
     ----------
@@ -125,11 +121,8 @@ def occlusion(layers: Sequence[Layer], index: int) -> float:
     float
         From 0 to 1.
     """
-    slope = layers[index].center
-    covered = 0.0
-    for front in layers[:index]:
-        motion = abs(front.center - slope)
-        covered += front.count * (min(1.0, 0.5 * motion / abs(slope)) if slope else 1.0)
+    center = layers[index].center
+    covered = sum(front.count * covering_share(front.center, center) for front in layers[:index])
     return covered / sum(layer.count for layer in layers)
 
 
