@@ -16,12 +16,24 @@ from fewrays.baselines.accumulation import FilterShape
 from fewrays.color import gamma_encode
 from fewrays.method import Image
 
-__all__ = ["SAMPLINGS", "SCENES", "Reference", "Scene", "load_scene", "require_match", "require_renders"]
+__all__ = [
+    "SAMPLINGS",
+    "SCENES",
+    "Reference",
+    "Scene",
+    "how_to_render",
+    "load_references",
+    "load_scene",
+    "require_match",
+    "require_renders",
+    "samples_file",
+]
 
 SCENES = ("foliage", "serpent", "citadel")
 SAMPLINGS = ("square", "gaussian")
 """How lens positions were drawn: uniformly over the square, or from the Gaussian aperture itself."""
 
+_INSTALL = 'pip install "fewrays[mitsuba]"'
 _BLOCK, _BLOCK_ERROR = 20, 0.02  # pixels; share of white after gamma 2.2. Noise alone leaves 0.005.
 _FILTERS: tuple[FilterShape, ...] = ("gaussian", "box")
 
@@ -62,7 +74,7 @@ def require_renders(folder: Path, scenes: Sequence[str], spp: int) -> None:
         needed = [scene for scene in scenes if any(path.name.startswith(scene) for path in missing)]
         raise SystemExit(
             f"{len(missing)} rendered files are missing, the first is {missing[0]}; "
-            + _how_to_render(folder, needed, spp)
+            f"make them with\n    {_INSTALL}\n    {how_to_render(needed, [spp], folder)}"
         )
 
 
@@ -74,19 +86,27 @@ def load_scene(folder: Path, name: str, spp: int) -> Scene:
     SampleError
         For files that are not what they should be.
     """
-    record = json.loads((folder / f"{name}_reference.json").read_text())
-    return Scene(
-        name,
-        {s: fewrays.load(_samples_file(folder, name, s, spp)) for s in SAMPLINGS},
-        {
-            f: Reference(
-                fewrays.load_image(_reference_file(folder, name, f)),
-                record["spp"],
-                record["noise_psnr_gamma22_db"][f],
-            )
-            for f in _FILTERS
-        },
-    )
+    samples = {s: fewrays.load(samples_file(folder, name, s, spp)) for s in SAMPLINGS}
+    return Scene(name, samples, load_references(folder, name))
+
+
+def load_references(folder: Path, name: str) -> dict[FilterShape, Reference]:
+    """Load a scene's references by pixel filter.
+
+    Raises
+    ------
+    SampleError
+        For files that are not what they should be.
+    """
+    record = json.loads(_record_file(folder, name).read_text())
+    return {
+        f: Reference(
+            fewrays.load_image(_reference_file(folder, name, f)),
+            record["spp"],
+            record["noise_psnr_gamma22_db"][f],
+        )
+        for f in _FILTERS
+    }
 
 
 def require_match(folder: Path, scene: Scene, box_image: Image) -> None:
@@ -113,7 +133,7 @@ def require_match(folder: Path, scene: Scene, box_image: Image) -> None:
         raise SystemExit(
             f"{scene.name}: the samples and the reference in {folder} are not of the same scene (means over "
             f"{_BLOCK} x {_BLOCK} pixels differ by {error:.1%} of white); "
-            + _how_to_render(folder, [scene.name], spp)
+            f"make them with\n    {_INSTALL}\n    {how_to_render([scene.name], [spp], folder)}"
         )
 
 
@@ -124,21 +144,29 @@ def _blocks(image: Image) -> npt.NDArray[np.float64]:
     return gamma_encode(whole.reshape(height, _BLOCK, width, _BLOCK, 3).mean(axis=(1, 3)))
 
 
-def _how_to_render(folder: Path, scenes: Sequence[str], spp: int) -> str:
-    command = ["python", "examples/render.py", *scenes, "--spp", str(spp), "--out", str(folder)]
-    return f'make them with\n    pip install "fewrays[mitsuba]"\n    {shlex.join(command)}'
+def how_to_render(scenes: Sequence[str], spp: Sequence[int], folder: Path | None = None) -> str:
+    """Return the command that renders scenes; into the usual folder when none is given."""
+    command = ["python", "examples/render.py", *scenes, "--spp", *map(str, spp)]
+    if folder is not None:
+        command += ["--out", str(folder)]
+    return shlex.join(command)
+
+
+def samples_file(folder: Path, scene: str, sampling: str, spp: int) -> Path:
+    """Return where a sample buffer lies."""
+    return folder / f"{scene}_{sampling}_{spp}spp.npz"
 
 
 def _files(folder: Path, scene: str, spp: int) -> list[Path]:
     return [
-        *(_samples_file(folder, scene, sampling, spp) for sampling in SAMPLINGS),
+        *(samples_file(folder, scene, sampling, spp) for sampling in SAMPLINGS),
         *(_reference_file(folder, scene, pixel_filter) for pixel_filter in _FILTERS),
-        folder / f"{scene}_reference.json",
+        _record_file(folder, scene),
     ]
 
 
-def _samples_file(folder: Path, scene: str, sampling: str, spp: int) -> Path:
-    return folder / f"{scene}_{sampling}_{spp}spp.npz"
+def _record_file(folder: Path, scene: str) -> Path:
+    return folder / f"{scene}_reference.json"
 
 
 def _reference_file(folder: Path, scene: str, pixel_filter: str) -> Path:

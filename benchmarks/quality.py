@@ -11,7 +11,6 @@ compared with the reference of its own pixel filter; samples are both those that
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import math
 import sys
 from collections.abc import Iterator, Sequence
@@ -19,18 +18,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import fewrays
+import foundation
+import sample_counts
+from contenders import OURS, PLAIN, pixel_filter_of
 from example_renders import SAMPLINGS, SCENES, Scene, load_scene, require_match, require_renders
 from fewrays.baselines.accumulation import FilterShape
 from fewrays.display import Candidate, save_picture
-from fewrays.layered import LayeredOptions
-from fewrays.method import Image, Method
+from fewrays.method import Image
 from fewrays.metrics import Comparison, compare
 from peers import DENOISER, denoise, require_bench
 from pictures import hero, scene_sheet
-from report import ROOT, markdown_table, provenance, write_page
+from report import ROOT, markdown_table, met, provenance, write_page
+from scores import decibels, without_noise
 
-OURS, PLAIN = "layered", "box"
-PUBLISHED = "layered, published filters"
 TARGETS = {DENOISER: 5.0, PLAIN: 12.0}
 """What the headline method shall gain, in dB over the others on the same samples."""
 HERO = "foliage"
@@ -82,19 +82,23 @@ def main() -> None:
     images = options.out / "images"
     images.mkdir(parents=True, exist_ok=True)
     measured: dict[str, list[Entry]] = {}
-    sections = []
+    sections, gains = [], []
     for name in options.scenes:
         scene = load_scene(options.renders, name, options.spp)
         entries = list(measure(scene, options.renders))
         measured[name] = entries
         sections.append(scene_section(scene, entries))
         draw(scene, entries, images)
+        gains.append(gain(options.renders, scene, entries))
+    counts = [sample_counts.measure_counts(options.renders, name) for name in options.scenes]
     write_page(
         options.out / "quality.md",
         *introduction(options.spp),
         provenance(f"python benchmarks/quality.py --scenes {' '.join(options.scenes)} --spp {options.spp}"),
         "## What the layered method gains",
         *headline(measured),
+        *foundation.section([g for g in gains if g], options.scenes, options.spp),
+        *sample_counts.section(counts),
         *sections,
     )
     print(options.out / "quality.md")
@@ -117,18 +121,10 @@ def measure(scene: Scene, folder: Path) -> Iterator[Entry]:
         for method in reversed(fewrays.METHODS.values()):
             print(f"{scene.name}, {sampling} sampling: {method.name}", file=sys.stderr)
             image = fewrays.reconstruct(samples, method.name)
-            yield entry(scene, method.name, sampling, pixel_filter_of(method), image)
+            yield entry(scene, method.name, sampling, pixel_filter_of(method.name), image)
             if method.name == PLAIN:
                 require_match(folder, scene, image)
                 yield entry(scene, DENOISER, sampling, "box", denoise(image))
-            if method.name == OURS:
-                image = fewrays.reconstruct(samples, **dataclasses.asdict(LayeredOptions.published()))
-                yield entry(scene, PUBLISHED, sampling, "gaussian", image)
-
-
-def pixel_filter_of(method: Method) -> FilterShape:
-    """Return the pixel filter that a method's images have: those with a width for it have the Gaussian."""
-    return "gaussian" if hasattr(method.options, "sigma_pix") else "box"
 
 
 def entry(scene: Scene, algorithm: str, sampling: str, pixel_filter: FilterShape, image: Image) -> Entry:
@@ -139,14 +135,11 @@ def entry(scene: Scene, algorithm: str, sampling: str, pixel_filter: FilterShape
     return Entry(algorithm, sampling, pixel_filter, image, quality, corrected)
 
 
-def without_noise(psnr: float, noise_psnr: float) -> float:
-    """Return the PSNR in dB against the limit of a reference, given that against the noisy reference.
-
-    The reference's noise is independent of the image's error, so their mean squares add up. The result is
-    infinite where noise explains all of the error.
-    """
-    error = float(10 ** (-psnr / 10) - 10 ** (-noise_psnr / 10))
-    return -10 * math.log10(error) if error > 0 else math.inf
+def gain(folder: Path, scene: Scene, entries: Sequence[Entry]) -> foundation.Gain | None:
+    """Compare the headline method's image with that of its first version, if that is there."""
+    ours = find(entries, OURS, "square")
+    spp = scene.samples["square"].spp
+    return foundation.measure_gain(folder, scene.name, spp, ours.image, scene.references[ours.pixel_filter])
 
 
 def find(entries: Sequence[Entry], algorithm: str, sampling: str) -> Entry:
@@ -228,7 +221,7 @@ def verdict(label: str, target: float, margins: dict[str, Margin]) -> str:
     """Say on which scenes a target in dB is met, as measured; and where taking noise out changes that."""
     missed = [f"{scene} ({m.measured:+.2f} dB)" for scene, m in margins.items() if m.measured < target]
     text = f"- Target, {label}: at least {target:+.0f} dB. "
-    text += f"**Missed** on {', '.join(missed)}." if missed else "**Met** on every scene."
+    text += f"{met(not missed)} on {', '.join(missed) or 'every scene'}."
     changed = [scene for scene, m in margins.items() if (m.measured < target) != (m.corrected < target)]
     if changed:
         text += f" With the references' noise taken out the answer differs for {', '.join(changed)}."
@@ -274,7 +267,7 @@ def table_row(row: Entry) -> list[str]:
         SAMPLING_NAMES[row.sampling],
         row.pixel_filter.replace("gaussian", "Gaussian"),
         f"{quality.psnr_display:.2f} dB",
-        "noise only" if math.isinf(row.corrected) else f"{row.corrected:.2f} dB",
+        decibels(row.corrected) + (" dB" if math.isfinite(row.corrected) else ""),
         f"{quality.psnr:.2f} dB",
         f"{quality.relmse:.4f}",
         f"{quality.ssim:.4f}",

@@ -14,7 +14,7 @@ import fewrays
 from fewrays.io.files import replace_files
 from fewrays.parallel import usable_cores
 
-__all__ = ["ROOT", "cpu_model", "markdown_table", "provenance", "write_page"]
+__all__ = ["ROOT", "cpu_model", "markdown_table", "met", "provenance", "write_page"]
 
 ROOT = Path(__file__).resolve().parents[1]
 _CODE = ("src", "native", "benchmarks", "examples", "pyproject.toml", "CMakeLists.txt")
@@ -36,6 +36,11 @@ def markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         cells = [row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True))]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
+
+
+def met(good: bool) -> str:
+    """Return a target's verdict in bold."""
+    return "**Met**" if good else "**Missed**"
 
 
 def provenance(command: str) -> str:

@@ -1,4 +1,4 @@
-"""A sample buffer of any size, whose depth complexity is known, without a renderer."""
+"""Samples of any size, whose depth complexity is known, without a renderer."""
 
 from __future__ import annotations
 
@@ -8,16 +8,18 @@ from PIL import Image as Pillow
 from PIL import ImageDraw
 
 import fewrays
+from contenders import PUBLISHED
 from fewrays.sources.analytic import Mask, Plane, sample, smooth_noise
 
-__all__ = ["leaf_planes"]
+__all__ = ["LEAF_LENS", "count_layers", "leaf_planes", "leaf_stack"]
 
+LEAF_LENS = fewrays.Lens(-40.0, 10.0, aperture="gaussian", sampling="square")
 _CELL = 128  # pixels; each leafy plane has one leaf in some of these
-_LENS = fewrays.Lens(-40.0, 10.0, aperture="gaussian", sampling="square")
+_LAYERS = {"partitions": 25, "partition_sigma_x": 16.0}  # as in the layered method's first version
 
 
 def leaf_planes(
-    height: int, width: int, spp: int, *, planes: int = 20, share: float = 0.27, seed: int = 0
+    height: int, width: int, spp: int, *, aperture_scale: float = 1.0, planes: int = 20, seed: int = 0
 ) -> fewrays.SampleBuffer:
     """Sample planes of scattered leaves in front of and behind the focal plane, and a wall behind them.
 
@@ -27,10 +29,10 @@ def leaf_planes(
         In pixels.
     spp : int
         Samples per pixel; their lens positions are uniform over the square, for a Gaussian lens.
+    aperture_scale : float
+        Factor on the lens radius, hence on all slopes.
     planes : int
-        Leafy planes, at slopes from -16 to 7 px.
-    share : float
-        Of the cells of 128 x 128 pixels, those that hold a leaf, in each plane.
+        Leafy planes.
     seed : int
         The same seed gives the same samples.
 
@@ -38,12 +40,48 @@ def leaf_planes(
     -------
     SampleBuffer
     """
+    lens = LEAF_LENS.refocus(aperture_scale=aperture_scale)
+    return sample(leaf_stack(height, width, planes=planes, seed=seed), lens, height, width, spp, seed=seed)
+
+
+def leaf_stack(
+    height: int, width: int, *, planes: int = 20, share: float = 0.27, seed: int = 0
+) -> list[Plane]:
+    """Return the planes: leaves at slopes from -16 to 7 px through `LEAF_LENS`, and the wall at 8 px.
+
+    Parameters
+    ----------
+    height, width : int
+        Of the image that they fill, in pixels.
+    planes : int
+        Leafy planes.
+    share : float
+        Of the cells of 128 x 128 pixels, those that hold a leaf, in each plane.
+    seed : int
+        The same seed gives the same planes.
+
+    Returns
+    -------
+    list of Plane
+        The wall, which covers everything, first.
+    """
     rng = np.random.default_rng(seed)
-    stack = [Plane(_LENS.depth(8.0), smooth_noise(12.0, mean=rng.uniform(0.3, 0.9, 3).tolist(), seed=seed))]
+    wall = smooth_noise(12.0, mean=rng.uniform(0.3, 0.9, 3).tolist(), seed=seed)
+    stack = [Plane(LEAF_LENS.depth(8.0), wall)]
     for number, slope in enumerate(np.linspace(-16, 7, planes)):
         color = smooth_noise(6.0, mean=rng.uniform(0.2, 0.8, 3).tolist(), waves=8, seed=seed + 1 + number)
-        stack.append(Plane(_LENS.depth(float(slope)), color, _leaves(height, width, share, rng)))
-    return sample(stack, _LENS, height, width, spp, seed=seed)
+        stack.append(Plane(LEAF_LENS.depth(float(slope)), color, _leaves(height, width, share, rng)))
+    return stack
+
+
+def count_layers(samples: fewrays.SampleBuffer) -> float:
+    """Return the mean number of depth layers that occur around a pixel.
+
+    Counted as the first version of the layered method did, in tiles of 32 pixels with a ring of 16, so that a
+    workload keeps its number whatever the methods do.
+    """
+    _, aovs = fewrays.reconstruct(samples, PUBLISHED, aovs=True, **_LAYERS)
+    return float(aovs["layer_count"].mean())
 
 
 def _leaves(height: int, width: int, share: float, rng: np.random.Generator) -> Mask:

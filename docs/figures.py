@@ -28,11 +28,11 @@ from PIL import ImageDraw, ImageFont
 from fewrays import Lens, SampleBuffer, reconstruct
 from fewrays.color import srgb_decode, srgb_encode
 from fewrays.display import Panel, error_picture, save_picture, sheet, tone_map
-from fewrays.layered import LayeredOptions
-from fewrays.layered import reference as definition
-from fewrays.layered.filters import FilterRule, LayerFilter, ScreenKernel, screen_taps
-from fewrays.layered.partitions import Partitions
-from fewrays.layered.plan import Plan
+from fewrays.layered_published import LayeredOptions
+from fewrays.layered_published import reference as definition
+from fewrays.layered_published.filters import FilterRule, LayerFilter, ScreenKernel, screen_taps
+from fewrays.layered_published.partitions import Partitions
+from fewrays.layered_published.plan import Plan
 from fewrays.lens import Aperture, Sampling
 from fewrays.method import Image
 from fewrays.metrics import psnr_display

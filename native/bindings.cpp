@@ -10,7 +10,8 @@
 #include <vector>
 
 #include "layered.h"
-#include "math/layered_filter.h"
+#include "layered_published.h"
+#include "math/sheared_filter.h"
 #include "samples.h"
 
 namespace nb = nanobind;
@@ -41,14 +42,23 @@ Samples make_samples(Array<const float, -1, -1, -1, 2> xy, Array<const float, -1
             c1};
 }
 
+BlockLayers make_block_layers(int block, Array<const float, -1, -1, 4> extents,
+                              Array<const std::int32_t, -1, -1, -1> counts,
+                              Array<const double, -1, -1, -1> slope_sums) {
+    return {block, reinterpret_cast<const Extent*>(extents.data()), counts.data(), slope_sums.data()};
+}
+
+CoarseMap make_coarse_map(int layer, Array<float, -1, -1, 5, -1, -1> values) {
+    return {values.data(), layer, static_cast<int>(values.shape(0)), static_cast<int>(values.shape(1))};
+}
+
 }  // namespace
 
 NB_MODULE(_native, m) {
     m.doc() = "Inner loops of fewrays. Internal: shapes and units are described where the calls are made.";
 
     nb::enum_<FilterFamily>(m, "FilterFamily")
-        .value("paper", FilterFamily::paper)
-        .value("matched", FilterFamily::matched)
+        .value("sheared", FilterFamily::sheared)
         .value("axis_aligned", FilterFamily::axis_aligned);
     nb::enum_<Sampling>(m, "Sampling")
         .value("disc", Sampling::disc)
@@ -58,29 +68,27 @@ NB_MODULE(_native, m) {
         .def(
             "__init__",
             [](FilterRule* self, FilterFamily family, double sigma_pix, double sigma_u, double max_sigma_x,
-               double occluded_sigma_x, Sampling sampling, double sampling_sigma, double aperture_moment, double k) {
-                new (self) FilterRule{family,         sigma_pix,       sigma_u, max_sigma_x, occluded_sigma_x, sampling,
-                                      sampling_sigma, aperture_moment, k};
+               Sampling sampling, double sampling_sigma, double k) {
+                new (self) FilterRule{family, sigma_pix, sigma_u, max_sigma_x, sampling, sampling_sigma, k};
             },
-            nb::kw_only(), "family"_a, "sigma_pix"_a, "sigma_u"_a, "max_sigma_x"_a, "occluded_sigma_x"_a, "sampling"_a,
-            "sampling_sigma"_a, "aperture_moment"_a, "k"_a);
+            nb::kw_only(), "family"_a, "sigma_pix"_a, "sigma_u"_a, "max_sigma_x"_a, "sampling"_a, "sampling_sigma"_a,
+            "k"_a);
 
     m.def(
         "layer_filter",
-        [](double c_min, double c_max, double occlusion, const FilterRule& rule) {
-            const LayerFilter filter = layer_filter(c_min, c_max, occlusion, rule);
+        [](double c_min, double c_max, const FilterRule& rule) {
+            const LayerFilter filter = layer_filter(c_min, c_max, rule);
             return std::tuple(filter.eta, filter.variance, filter.falloff);
         },
-        "c_min"_a, "c_max"_a, "occlusion"_a, "rule"_a);
+        "c_min"_a, "c_max"_a, "rule"_a);
     m.def(
         "layer_taps",
-        [](double variance, int ring, FilterFamily family) {
-            const ScreenGrid grid = screen_grid(variance, ring, family);
-            std::vector<float> taps(static_cast<std::size_t>(grid.radius) + 1);
-            layer_taps(variance, grid, family, taps.data());
-            return std::tuple(grid.bins_per_pixel, taps);
+        [](double variance, int ring) {
+            std::vector<float> taps(static_cast<std::size_t>(ring) + 1);
+            layer_taps(variance, ring, taps.data());
+            return taps;
         },
-        "variance"_a, "ring"_a, "family"_a);
+        "variance"_a, "ring"_a);
 
     nb::class_<Samples>(m, "Samples")
         .def(
@@ -98,35 +106,109 @@ NB_MODULE(_native, m) {
         },
         "samples"_a, "block"_a, "margin"_a, "first"_a, "last"_a, "extents"_a, nb::call_guard<nb::gil_scoped_release>());
 
-    nb::class_<LayeredPlan>(m, "LayeredPlan")
+    nb::class_<PublishedPlan>(m, "PublishedPlan")
         .def(
             "__init__",
-            [](LayeredPlan* self, int tile, int ring, int max_layers, float bins_per_pixel, int first_bin,
+            [](PublishedPlan* self, int tile, int ring, int max_layers, float bins_per_pixel, int first_bin,
                Array<const std::uint8_t, -1> partition_of_bin, Array<const std::int32_t, -1> slot_of_partition,
                const FilterRule& rule) {
-                new (self) LayeredPlan{tile,
-                                       ring,
-                                       max_layers,
-                                       bins_per_pixel,
-                                       first_bin,
-                                       static_cast<int>(partition_of_bin.shape(0)),
-                                       static_cast<int>(slot_of_partition.shape(0)),
-                                       partition_of_bin.data(),
-                                       slot_of_partition.data(),
-                                       rule};
+                new (self) PublishedPlan{tile,
+                                         ring,
+                                         max_layers,
+                                         bins_per_pixel,
+                                         first_bin,
+                                         static_cast<int>(partition_of_bin.shape(0)),
+                                         static_cast<int>(slot_of_partition.shape(0)),
+                                         partition_of_bin.data(),
+                                         slot_of_partition.data(),
+                                         rule};
             },
             nb::keep_alive<1, 7>(), nb::keep_alive<1, 8>(), "tile"_a, "ring"_a, "max_layers"_a, "bins_per_pixel"_a,
             "first_bin"_a, "partition_of_bin"_a, "slot_of_partition"_a, "rule"_a);
 
     m.def(
-        "layered_tiles",
-        [](const Samples& samples, Array<const float, -1, -1, 4> extents, int block, const LayeredPlan& plan, int first,
-           int last, Array<float, -1, -1, 3> image, Array<std::int32_t, -1> counts,
+        "published_tiles",
+        [](const Samples& samples, Array<const float, -1, -1, 4> extents, int block, const PublishedPlan& plan,
+           int first, int last, Array<float, -1, -1, 3> image, Array<std::int32_t, -1> counts,
            std::optional<Array<float, -1, -1, -1, 4>> layer_images) {
-            const LayeredOutput output{image.data(), counts.data(), layer_images ? layer_images->data() : nullptr,
-                                       layer_images ? static_cast<int>(layer_images->shape(2)) : 0};
-            layered_tiles(samples, reinterpret_cast<const Extent*>(extents.data()), block, plan, first, last, output);
+            const PublishedOutput output{image.data(), counts.data(), layer_images ? layer_images->data() : nullptr,
+                                         layer_images ? static_cast<int>(layer_images->shape(2)) : 0};
+            published_tiles(samples, reinterpret_cast<const Extent*>(extents.data()), block, plan, first, last, output);
         },
         "samples"_a, "extents"_a, "block"_a, "plan"_a, "first"_a, "last"_a, "image"_a, "counts"_a,
         "layer_images"_a.none(), nb::call_guard<nb::gil_scoped_release>());
+
+    nb::class_<LayeredPlan>(m, "LayeredPlan")
+        .def(
+            "__init__",
+            [](LayeredPlan* self, int tile, int map_tile, Array<const float, -1> boundaries,
+               Array<const std::int32_t, -1> levels, Array<const float, -1> reaches, double pixel_variance,
+               double aperture_variance, double part_variance, Array<const float, -1, 3> parts, float interpolation,
+               float seen) {
+                new (self) LayeredPlan{tile,
+                                       map_tile,
+                                       static_cast<int>(levels.shape(0)),
+                                       boundaries.data(),
+                                       levels.data(),
+                                       reaches.data(),
+                                       pixel_variance,
+                                       aperture_variance,
+                                       part_variance,
+                                       static_cast<int>(parts.shape(0)),
+                                       parts.data(),
+                                       interpolation,
+                                       seen};
+            },
+            nb::keep_alive<1, 4>(), nb::keep_alive<1, 5>(), nb::keep_alive<1, 6>(), nb::keep_alive<1, 10>(),
+            nb::kw_only(), "tile"_a, "map_tile"_a, "boundaries"_a, "levels"_a, "reaches"_a, "pixel_variance"_a,
+            "aperture_variance"_a, "part_variance"_a, "parts"_a, "interpolation"_a, "seen"_a);
+    nb::class_<BlockLayers>(m, "BlockLayers")
+        .def(
+            "__init__",
+            [](BlockLayers* self, int block, Array<const float, -1, -1, 4> extents,
+               Array<const std::int32_t, -1, -1, -1> counts, Array<const double, -1, -1, -1> slope_sums) {
+                new (self) BlockLayers(make_block_layers(block, extents, counts, slope_sums));
+            },
+            nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>(), nb::keep_alive<1, 5>(), "block"_a, "extents"_a, "counts"_a,
+            "slope_sums"_a);
+    nb::class_<CoarseMap>(m, "CoarseMap")
+        .def(
+            "__init__",
+            [](CoarseMap* self, int layer, Array<float, -1, -1, 5, -1, -1> values) {
+                new (self) CoarseMap(make_coarse_map(layer, values));
+            },
+            nb::keep_alive<1, 3>(), "layer"_a, "values"_a);
+    m.attr("coarse_margin") = coarse_margin;
+
+    m.def(
+        "block_layers",
+        [](const Samples& samples, const LayeredPlan& plan, float margin, int first, int last, int block,
+           Array<float, -1, -1, 4> extents, Array<std::int32_t, -1, -1, -1> counts,
+           Array<double, -1, -1, -1> slope_sums) {
+            block_layers(samples, plan, margin, first, last,
+                         {block, reinterpret_cast<Extent*>(extents.data()), counts.data(), slope_sums.data()});
+        },
+        "samples"_a, "plan"_a, "margin"_a, "first"_a, "last"_a, "block"_a, "extents"_a, "counts"_a, "slope_sums"_a,
+        nb::call_guard<nb::gil_scoped_release>());
+    m.def(
+        "coarse_tiles",
+        [](const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan,
+           const std::vector<CoarseMap>& maps, int level, int first, int last) {
+            coarse_tiles(samples, blocks, plan, maps.data(), static_cast<int>(maps.size()), level, first, last);
+        },
+        "samples"_a, "blocks"_a, "plan"_a, "maps"_a, "level"_a, "first"_a, "last"_a,
+        nb::call_guard<nb::gil_scoped_release>());
+    m.def(
+        "layered_tiles",
+        [](const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan,
+           const std::vector<CoarseMap>& maps, int first, int last, Array<float, -1, -1, 3> image,
+           Array<std::int32_t, -1> counts, Array<const std::int32_t, -1> slot_of_layer,
+           std::optional<Array<float, -1, -1, -1, 4>> contributions) {
+            const LayeredOutput output{image.data(), counts.data(), contributions ? contributions->data() : nullptr,
+                                       slot_of_layer.data(),
+                                       contributions ? static_cast<int>(contributions->shape(2)) : 0};
+            layered_tiles(samples, blocks, plan, maps.data(), static_cast<int>(maps.size()), first, last, output);
+        },
+        "samples"_a, "blocks"_a, "plan"_a, "maps"_a, "first"_a, "last"_a, "image"_a, "counts"_a, "slot_of_layer"_a,
+        "contributions"_a.none(), nb::call_guard<nb::gil_scoped_release>());
 }

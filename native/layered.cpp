@@ -3,416 +3,415 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <utility>
+#include <limits>
 #include <vector>
 
+#include "layer_maps.h"
 #include "math/slope.h"
+#include "separable_blur.h"
 #include "simd.h"
 
 namespace fewrays {
 namespace {
 
-constexpr int columns_at_once = 16;  // the blurs keep this many sums in registers
-constexpr int batch = 256;           // samples whose bins and weights are computed before they are scattered
-constexpr float min_weight = 1e-20f;
+constexpr int strip_rows = 16;  // rows of a tile that are composited at a time, to stay in the cache
 constexpr float min_opacity = 1e-3f;
+constexpr float min_covered = 1e-3f;
+constexpr int near_to_coarse = 100;  // more levels than there are
 
-// Neighbouring partitions that are filtered as one, with their samples' place in the tile's sorted samples.
-struct Layer {
-    int first_partition;
-    double c_min, c_max;
-    int begin, end;
+// A layer's map as seen through one part of the aperture.
+struct LayerView {
+    const float* channels[channel_count];  // at the first pixel
+    std::ptrdiff_t stride;
+    float fraction_x, fraction_y;  // of the way to the next cell
+    float shear;                   // pixels that the layer moves for one standard deviation of the part
 };
 
-// The samples in the outer tile, sorted by partition front to back; positions are relative to its corner.
-struct TileSamples {
-    std::vector<float> x, y, u, v, color;  // color: 3 floats a sample
-    std::vector<std::uint8_t> partition;   // in the order of visits, before sorting
-    int count = 0;
+// How much of what is behind shows, to first order in the place on the lens: a mean, and a slope for each standard
+// deviation of the part of the aperture; and the sums of what has shown so far. Rows of pixels.
+struct Strip {
+    float *mean, *along_u, *along_v;
+    float *opacity, *red, *green, *blue;
+    int rows, columns, stride;
+    float weight;
+};
 
-    void resize(int n) {
-        count = n;
-        if (static_cast<int>(x.size()) >= n) return;
-        for (auto* field : {&x, &y, &u, &v}) field->resize(n);
-        color.resize(std::size_t{3} * n);
+struct Interpolated {
+    float value, step_x, step_y;
+};
+
+// At the corners of a cell: p and q = p + 1, and the same in the row below.
+FEWRAYS_INLINE Interpolated interpolate(float p, float q, float p_below, float q_below, float fx, float fy) {
+    const float upper = q - p, lower = q_below - p_below;
+    const float top = p + fx * upper, bottom = p_below + fx * lower;
+    return {top + fy * (bottom - top), upper + fy * (lower - upper), bottom - top};
+}
+
+// One row of composite().
+FEWRAYS_INLINE void composite_row(const float* FEWRAYS_RESTRICT seen, const float* FEWRAYS_RESTRICT covers,
+                                  const float* FEWRAYS_RESTRICT r, const float* FEWRAYS_RESTRICT g,
+                                  const float* FEWRAYS_RESTRICT b, std::ptrdiff_t stride, float fx, float fy,
+                                  float shear, int columns, float weight, float* FEWRAYS_RESTRICT mean,
+                                  float* FEWRAYS_RESTRICT along_u, float* FEWRAYS_RESTRICT along_v,
+                                  float* FEWRAYS_RESTRICT sum_opacity, float* FEWRAYS_RESTRICT sum_red,
+                                  float* FEWRAYS_RESTRICT sum_green, float* FEWRAYS_RESTRICT sum_blue) {
+    for (int i = 0; i < columns; ++i) {
+        const float t = mean[i], u = along_u[i], v = along_v[i];
+        const float known_here = interpolate(seen[i], seen[i + 1], seen[i + stride], seen[i + stride + 1], fx, fy).value;
+        const float spare = (known_here - t) / std::max(1.0f - t, min_covered);
+        const float counts = shear * std::min(std::max(spare, 0.0f), 1.0f);
+        const float with_u = counts * u, with_v = counts * v;
+
+        const Interpolated a = interpolate(covers[i], covers[i + 1], covers[i + stride], covers[i + stride + 1], fx, fy);
+        float visible = t * a.value + with_u * a.step_x + with_v * a.step_y;
+        visible = std::min(std::max(visible, std::max(t + a.value - 1.0f, 0.0f)), std::min(t, a.value));
+        sum_opacity[i] += weight * visible;
+        const Interpolated er = interpolate(r[i], r[i + 1], r[i + stride], r[i + stride + 1], fx, fy);
+        sum_red[i] += weight * std::max(t * er.value + with_u * er.step_x + with_v * er.step_y, 0.0f);
+        const Interpolated eg = interpolate(g[i], g[i + 1], g[i + stride], g[i + stride + 1], fx, fy);
+        sum_green[i] += weight * std::max(t * eg.value + with_u * eg.step_x + with_v * eg.step_y, 0.0f);
+        const Interpolated eb = interpolate(b[i], b[i + 1], b[i + stride], b[i + stride + 1], fx, fy);
+        sum_blue[i] += weight * std::max(t * eb.value + with_u * eb.step_x + with_v * eb.step_y, 0.0f);
+
+        const float clear = 1.0f - a.value, moved = t * shear;
+        along_u[i] = u * clear - moved * a.step_x;
+        along_v[i] = v * clear - moved * a.step_y;
+        mean[i] = std::max(t - visible, 0.0f);
     }
-};
+}
 
-struct Rectangle {
-    float x_min, x_max, y_min, y_max;
-    bool contains(float x, float y) const { return x >= x_min && x < x_max && y >= y_min && y < y_max; }
-    bool meets(const Extent& box) const {
-        return box.x_max >= x_min && box.x_min < x_max && box.y_max >= y_min && box.y_min < y_max;
+// Adds a layer behind what is there: the mean over the part of visibility times radiance is the product of the means
+// plus the covariance, to first order. What no ray has seen behind a cover is known only where the cover lets it
+// through: there the means already belong together, so the covariance counts by how much more is known.
+FEWRAYS_CLONES void composite(const LayerView& view, const Strip& strip) {
+    for (int row = 0; row < strip.rows; ++row) {
+        const std::ptrdiff_t in = row * view.stride, out = std::ptrdiff_t{row} * strip.stride;
+        composite_row(view.channels[known] + in, view.channels[opacity] + in, view.channels[red] + in,
+                      view.channels[green] + in, view.channels[blue] + in, view.stride, view.fraction_x,
+                      view.fraction_y, view.shear, strip.columns, strip.weight, strip.mean + out, strip.along_u + out,
+                      strip.along_v + out, strip.opacity + out, strip.red + out, strip.green + out, strip.blue + out);
     }
-};
+}
 
-// Finds samples by where they lie: the extents of blocks of pixels, and of whole rows of blocks.
-class SampleIndex {
+FEWRAYS_INLINE void composite_near_row(const float* FEWRAYS_RESTRICT covers, const float* FEWRAYS_RESTRICT r,
+                                       const float* FEWRAYS_RESTRICT g, const float* FEWRAYS_RESTRICT b, int columns,
+                                       float weight, float* FEWRAYS_RESTRICT mean, float* FEWRAYS_RESTRICT along_u,
+                                       float* FEWRAYS_RESTRICT along_v, float* FEWRAYS_RESTRICT sum_opacity,
+                                       float* FEWRAYS_RESTRICT sum_red, float* FEWRAYS_RESTRICT sum_green,
+                                       float* FEWRAYS_RESTRICT sum_blue) {
+    for (int i = 0; i < columns; ++i) {
+        const float t = weight * mean[i], clear = 1.0f - covers[i];
+        sum_opacity[i] += t * covers[i];
+        sum_red[i] += t * r[i];
+        sum_green[i] += t * g[i];
+        sum_blue[i] += t * b[i];
+        mean[i] *= clear;
+        along_u[i] *= clear;
+        along_v[i] *= clear;
+    }
+}
+
+// The same for a layer near focus, which hardly moves over the lens.
+FEWRAYS_CLONES void composite_near(const LayerView& view, const Strip& strip) {
+    for (int row = 0; row < strip.rows; ++row) {
+        const std::ptrdiff_t in = row * view.stride, out = std::ptrdiff_t{row} * strip.stride;
+        composite_near_row(view.channels[opacity] + in, view.channels[red] + in, view.channels[green] + in,
+                           view.channels[blue] + in, strip.columns, strip.weight, strip.mean + out, strip.along_u + out,
+                           strip.along_v + out, strip.opacity + out, strip.red + out, strip.green + out,
+                           strip.blue + out);
+    }
+}
+
+// Reads the maps of coarse layers between their bins, at every pixel of a rectangle.
+class Magnifier {
 public:
-    SampleIndex(const Samples& samples, const Extent* extents, int block)
-        : samples_(samples), extents_(extents), block_(block), columns_((samples.width + block - 1) / block) {
-        for (int row = 0; row * block < samples.height; ++row) {
-            Extent all = extents[std::ptrdiff_t{row} * columns_];
-            for (int column = 1; column < columns_; ++column) {
-                const Extent& box = extents[std::ptrdiff_t{row} * columns_ + column];
-                all = {std::min(all.x_min, box.x_min), std::max(all.x_max, box.x_max), std::min(all.y_min, box.y_min),
-                       std::max(all.y_max, box.y_max)};
-            }
-            row_extents_.push_back(all);
-        }
-    }
+    explicit Magnifier(int map_tile) : map_tile_(map_tile) {}
 
-    // Calls visit(index) for every sample in the rectangle, always in the same order.
-    template <typename Visit>
-    void visit_samples(const Rectangle& rectangle, Visit&& visit) const {
-        for (int row = 0; row < static_cast<int>(row_extents_.size()); ++row) {
-            if (!rectangle.meets(row_extents_[row])) continue;
-            for (int column = 0; column < columns_; ++column)
-                if (rectangle.meets(extents_[std::ptrdiff_t{row} * columns_ + column]))
-                    visit_block(row, column, rectangle, visit);
+    // Fills `map`, whose first pixel is at (left, top) of the image.
+    void run(const CoarseMap& coarse, int level, int left, int top, int rows, int columns, FilteredMap& map) {
+        place(left, columns, level, coarse.columns * map_tile_, column_, column_fraction_);
+        place(top, rows, level, coarse.rows * map_tile_, row_, row_fraction_);
+        const int first = column_.front(), cells = column_.back() + 2 - first;
+        for (int& column : column_) column -= first;
+        const int width = (columns + columns_at_once - 1) / columns_at_once * columns_at_once;
+        map.resize(rows, width);
+        upper_.resize(cells);
+        lower_.resize(cells);
+        between_.resize(cells);
+        for (int channel = 0; channel < channel_count; ++channel) {
+            int loaded = -1;
+            for (int row = 0; row < rows; ++row) {
+                if (row_[row] != loaded) {
+                    load(coarse, channel, row_[row], first, cells, upper_.data());
+                    load(coarse, channel, row_[row] + 1, first, cells, lower_.data());
+                    loaded = row_[row];
+                }
+                for (int i = 0; i < cells; ++i) between_[i] = upper_[i] + row_fraction_[row] * (lower_[i] - upper_[i]);
+                float* const out = map.channel(channel) + std::ptrdiff_t{row} * width;
+                for (int i = 0; i < columns; ++i) {
+                    const float* const pair = &between_[column_[i]];
+                    out[i] = pair[0] + column_fraction_[i] * (pair[1] - pair[0]);
+                }
+            }
         }
     }
 
 private:
-    template <typename Visit>
-    void visit_block(int row, int column, const Rectangle& rectangle, Visit&& visit) const {
-        const int i_end = std::min((row + 1) * block_, samples_.height);
-        const int j_end = std::min((column + 1) * block_, samples_.width);
-        for (int i = row * block_; i < i_end; ++i) {
-            const std::ptrdiff_t pixel = std::ptrdiff_t{i} * samples_.width;
-            const std::ptrdiff_t end = (pixel + j_end) * samples_.spp;
-            for (std::ptrdiff_t k = (pixel + column * block_) * samples_.spp; k < end; ++k)
-                if (rectangle.contains(samples_.xy[2 * k], samples_.xy[2 * k + 1])) visit(k);
+    // Where pixels lie among the centres of bins.
+    static void place(int first, int count, int level, int limit, std::vector<int>& cell, std::vector<float>& fraction) {
+        cell.resize(count);
+        fraction.resize(count);
+        const float size = static_cast<float>(1 << level);
+        for (int i = 0; i < count; ++i) {
+            const float position =
+                (static_cast<float>(first + i) + 0.5f) / size - 0.5f + static_cast<float>(coarse_margin);
+            const float inside = std::min(std::max(position, 0.0f), static_cast<float>(limit) - 1.001f);
+            cell[i] = static_cast<int>(inside);
+            fraction[i] = inside - static_cast<float>(cell[i]);
         }
     }
 
-    const Samples& samples_;
-    const Extent* extents_;
-    const int block_, columns_;
-    std::vector<Extent> row_extents_;
+    // Copies a piece of a row of bins out of the tiles that hold it.
+    void load(const CoarseMap& coarse, int channel, int row, int first, int count, float* out) const {
+        const std::ptrdiff_t area = std::ptrdiff_t{map_tile_} * map_tile_;
+        for (int i = 0; i < count;) {
+            const int column = first + i, in_tile = column % map_tile_;
+            const int run = std::min(count - i, map_tile_ - in_tile);
+            const std::ptrdiff_t tile = std::ptrdiff_t{row / map_tile_} * coarse.columns + column / map_tile_;
+            const float* const source = coarse.values + (tile * channel_count + channel) * area +
+                                        std::ptrdiff_t{row % map_tile_} * map_tile_ + in_tile;
+            std::memcpy(out + i, source, sizeof(float) * static_cast<std::size_t>(run));
+            i += run;
+        }
+    }
+
+    const int map_tile_;
+    std::vector<int> column_, row_;
+    std::vector<float> column_fraction_, row_fraction_, upper_, lower_, between_;
 };
-
-int partition_of(float c, const LayeredPlan& plan) {
-    // Compare before converting: a slope may exceed the integers.
-    const float bin = c * plan.bins_per_pixel;
-    const int last = plan.bin_count - 1;
-    if (bin < static_cast<float>(plan.first_bin)) return plan.partition_of_bin[0];
-    if (bin >= static_cast<float>(plan.first_bin + last)) return plan.partition_of_bin[last];
-    return plan.partition_of_bin[floor_to_int(bin) - plan.first_bin];
-}
-
-// The window of bins around a tile that one layer's filter reaches. A row of bins is stored phase by phase: first
-// every pixel's first bin, then every pixel's second, …, so that a tap reads neighbouring pixels from neighbouring
-// memory.
-struct BinWindow {
-    int bins_per_pixel, radius;
-    int margin;   // pixels that the kernel reaches beyond the tile
-    int segment;  // floats of one phase of a row: pixels of tile and margins, in memory
-    int rows;     // rows of bins
-    int stride;   // floats from row to row
-    int size;     // floats in all; one more collects what falls outside
-
-    BinWindow(ScreenGrid grid, int tile, int width)
-        : bins_per_pixel(grid.bins_per_pixel),
-          radius(grid.radius),
-          margin((grid.radius + grid.bins_per_pixel / 2) / grid.bins_per_pixel),
-          segment(width + 2 * margin),
-          rows((tile + 2 * margin) * grid.bins_per_pixel),
-          stride(segment * grid.bins_per_pixel),
-          size(rows * stride) {}
-
-    // The bin, in a row or a column, that a pixel's leftmost or topmost tap reads.
-    int first_tap() const { return margin * bins_per_pixel + bins_per_pixel / 2 - radius; }
-};
-
-// out[row][column] = Σ taps[k] in[row * row_step + offsets[k] + column], for `rows_at_once` rows and
-// `columns_at_once` columns: enough independent sums to hide the latency of a multiply-add.
-template <int rows_at_once>
-FEWRAYS_INLINE void blur_patch(const float* FEWRAYS_RESTRICT in, std::ptrdiff_t row_step, float* FEWRAYS_RESTRICT out,
-                               std::ptrdiff_t out_stride, const float* FEWRAYS_RESTRICT taps,
-                               const std::int32_t* FEWRAYS_RESTRICT offsets, int tap_count) {
-    float sum[rows_at_once][columns_at_once] = {};
-    for (int k = 0; k < tap_count; ++k) {
-        const float* source = in + offsets[k];
-        for (int row = 0; row < rows_at_once; ++row)
-            for (int i = 0; i < columns_at_once; ++i) sum[row][i] += taps[k] * source[row * row_step + i];
-    }
-    for (int row = 0; row < rows_at_once; ++row)
-        for (int i = 0; i < columns_at_once; ++i) out[row * out_stride + i] = sum[row][i];
-}
-
-// Blurs along rows or along columns, whichever `offsets` and `row_step` say.
-FEWRAYS_CLONES void blur(const float* FEWRAYS_RESTRICT in, std::ptrdiff_t row_step, float* FEWRAYS_RESTRICT out,
-                         int rows, int columns, const float* FEWRAYS_RESTRICT taps,
-                         const std::int32_t* FEWRAYS_RESTRICT offsets, int tap_count) {
-    for (int column = 0; column < columns; column += columns_at_once) {
-        int row = 0;
-        for (; row + 4 <= rows; row += 4)
-            blur_patch<4>(in + row * row_step + column, row_step, out + row * columns + column, columns, taps, offsets,
-                          tap_count);
-        for (; row < rows; ++row)
-            blur_patch<1>(in + row * row_step + column, row_step, out + row * columns + column, columns, taps, offsets,
-                          tap_count);
-    }
-}
-
-// Bins and weights of `n` samples, whose positions are relative to the outer tile.
-FEWRAYS_CLONES void bins_and_weights(const float* FEWRAYS_RESTRICT x, const float* FEWRAYS_RESTRICT y,
-                                     const float* FEWRAYS_RESTRICT u, const float* FEWRAYS_RESTRICT v, int n, float eta,
-                                     float falloff, float corner, float side, const BinWindow& window,
-                                     std::int32_t* FEWRAYS_RESTRICT bins, float* FEWRAYS_RESTRICT weights) {
-    const auto bins_per_pixel = static_cast<float>(window.bins_per_pixel);
-    const int segment = window.segment, stride = window.stride, size = window.size, per_pixel = window.bins_per_pixel;
-    const float last = std::nextafter(side, 0.0f);
-    for (int i = 0; i < n; ++i) {
-        const float qx = x[i] - eta * u[i] - corner, qy = y[i] - eta * v[i] - corner;
-        float in_x = qx > 0.0f ? qx : 0.0f, in_y = qy > 0.0f ? qy : 0.0f;
-        in_x = in_x < last ? in_x : last;
-        in_y = in_y < last ? in_y : last;
-        const auto column = static_cast<std::int32_t>(in_x), row = static_cast<std::int32_t>(in_y);
-        const auto phase = static_cast<std::int32_t>((in_x - static_cast<float>(column)) * bins_per_pixel);
-        const auto sub_row = static_cast<std::int32_t>((in_y - static_cast<float>(row)) * bins_per_pixel);
-        const std::int32_t bin = (row * per_pixel + sub_row) * stride + phase * segment + column;
-        // A choice by arithmetic: written with ?: the compiler would branch around all of the above.
-        const std::int32_t inside = -(static_cast<std::int32_t>(in_x == qx) & static_cast<std::int32_t>(in_y == qy));
-        bins[i] = (bin & inside) | (size & ~inside);
-        weights[i] = exp_negative(-falloff * (u[i] * u[i] + v[i] * v[i]));
-    }
-}
-
-// Composites one layer behind what is there (Eq. 35) and leaves its normalised radiance and opacity in `sums`.
-FEWRAYS_CLONES void composite(float* FEWRAYS_RESTRICT red, float* FEWRAYS_RESTRICT green, float* FEWRAYS_RESTRICT blue,
-                              float* FEWRAYS_RESTRICT hits, const float* FEWRAYS_RESTRICT total,
-                              float* FEWRAYS_RESTRICT radiance, float* FEWRAYS_RESTRICT transmittance, int n) {
-    for (int i = 0; i < n; ++i) {
-        const float reciprocal = total[i] > min_weight ? 1.0f / std::max(total[i], min_weight) : 0.0f;
-        red[i] *= reciprocal;
-        green[i] *= reciprocal;
-        blue[i] *= reciprocal;
-        hits[i] *= reciprocal;
-        radiance[i] += transmittance[i] * red[i];
-        radiance[n + i] += transmittance[i] * green[i];
-        radiance[2 * n + i] += transmittance[i] * blue[i];
-        transmittance[i] *= 1.0f - hits[i];
-    }
-}
 
 // One thread's working memory, and the stages of a tile in the order in which they run.
 class TileReconstruction {
 public:
-    TileReconstruction(const Samples& samples, const Extent* extents, int block, const LayeredPlan& plan)
+    TileReconstruction(const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan,
+                       const CoarseMap* coarse, int coarse_count)
         : samples_(samples),
-          index_(samples, extents, block),
           plan_(plan),
-          width_(round_up(plan.tile)),
-          pixels_(plan.tile * width_),
-          sums_(std::size_t{channels} * pixels_),
-          radiance_(std::size_t{3} * pixels_),
-          transmittance_(pixels_) {}
+          coarse_(coarse, coarse + coarse_count),
+          layer_maps_(samples, blocks, plan),
+          magnifier_(plan.map_tile),
+          width_((plan.tile + columns_at_once - 1) / columns_at_once * columns_at_once),
+          transmittance_(std::size_t{3} * strip_rows * width_),
+          sums_(std::size_t{4} * plan.tile * width_) {
+        for (int i = 0; i < plan.part_count; ++i)
+            offset_ = std::max({offset_, std::fabs(plan.parts[3 * i]), std::fabs(plan.parts[3 * i + 1])});
+    }
 
     void run(int tile, const LayeredOutput& output) {
         const int tile_columns = (samples_.width + plan_.tile - 1) / plan_.tile;
-        const int row = tile / tile_columns * plan_.tile, column = tile % tile_columns * plan_.tile;
-        gather(row, column);
-        std::fill(radiance_.begin(), radiance_.end(), 0.0f);
-        std::fill(transmittance_.begin(), transmittance_.end(), 1.0f);
-        for (const Layer& layer : layers_) {
-            filter(layer);
-            composite(sum(red), sum(green), sum(blue), sum(hits), sum(total), radiance_.data(), transmittance_.data(),
-                      pixels_);
-            if (output.layer_images) store_layer(layer, row, column, output);
-        }
+        const int top = tile / tile_columns * plan_.tile, left = tile % tile_columns * plan_.tile;
+        find_maps(left, top);
         output.counts[tile] = static_cast<std::int32_t>(layers_.size());
-        store_image(row, column, output.image);
+        std::fill(sums_.begin(), sums_.end(), 0.0f);
+        if (output.contributions)
+            layer_sums_.assign(layers_.size() * sums_.size(), 0.0f);
+        for (int row = 0; row < plan_.tile; row += strip_rows)
+            composite_strip(row, std::min(strip_rows, plan_.tile - row), output.contributions != nullptr);
+        store(left, top, output);
     }
 
 private:
-    enum Channel { red, green, blue, hits, total, channels };
+    struct TileLayer {
+        int layer;
+        float slope;
+        bool near;
+        int left, top, columns;  // of the map, relative to the tile, in pixels
+        const FilteredMap* map;
+    };
 
-    static int round_up(int n) { return (n + columns_at_once - 1) / columns_at_once * columns_at_once; }
-    float* sum(int channel) { return sums_.data() + std::ptrdiff_t{channel} * pixels_; }
-
-    // Sorts the samples of the outer tile by partition (twice over the same samples: count, then place), and
-    // finds the layers with the slopes that their samples really have (section 6.2).
-    void gather(int row, int column) {
-        const float x0 = static_cast<float>(column - plan_.ring), y0 = static_cast<float>(row - plan_.ring);
-        const auto size = static_cast<float>(plan_.tile + 2 * plan_.ring);
-        const Rectangle outer{x0, x0 + size, y0, y0 + size};
-
-        std::vector<Layer> partitions(plan_.partition_count, Layer{0, 1e300, -1e300, 0, 0});
-        auto& visited = gathered_.partition;
-        visited.clear();
-        index_.visit_samples(outer, [&](std::ptrdiff_t k) {
-            const float c = slope(samples_.depth[k], samples_.c0, samples_.c1);
-            const int index = partition_of(c, plan_);
-            Layer& partition = partitions[index];
-            partition.c_min = std::min(partition.c_min, double{c});
-            partition.c_max = std::max(partition.c_max, double{c});
-            ++partition.end;
-            visited.push_back(static_cast<std::uint8_t>(index));
-        });
-
-        int begin = 0;
-        for (int i = 0; i < plan_.partition_count; ++i) {
-            Layer& partition = partitions[i];
-            partition.first_partition = i;
-            partition.begin = begin;
-            begin += partition.end;
-            partition.end = partition.begin;  // grows back while the samples are placed
-        }
-        gathered_.resize(begin);
-        std::size_t visit = 0;
-        index_.visit_samples(outer, [&](std::ptrdiff_t k) {
-            const int place = partitions[visited[visit++]].end++;
-            gathered_.x[place] = samples_.xy[2 * k] - x0;
-            gathered_.y[place] = samples_.xy[2 * k + 1] - y0;
-            gathered_.u[place] = samples_.uv[2 * k];
-            gathered_.v[place] = samples_.uv[2 * k + 1];
-            std::memcpy(&gathered_.color[std::size_t{3} * place], samples_.color + 3 * k, 3 * sizeof(float));
-        });
-
+    void find_maps(int left, int top) {
+        const auto x = static_cast<float>(left), y = static_cast<float>(top), side = static_cast<float>(plan_.tile);
+        std::vector<LayerTarget> all = layer_maps_.layers_near({x, x + side, y, y + side}, -1, near_to_coarse);
         layers_.clear();
-        for (const Layer& partition : partitions)
-            if (partition.end > partition.begin) layers_.push_back(partition);
-        join_layers();
+        targets_.clear();
+        maps_.resize(std::max(maps_.size(), all.size()));
+        coarse_maps_.resize(std::max(coarse_maps_.size(), all.size()));
+        for (LayerTarget& target : all) {
+            const int border = target.near ? 0 : static_cast<int>(std::ceil(offset_ * std::fabs(target.slope))) + 1;
+            const int span = plan_.tile + 2 * border, level = plan_.levels[target.layer];
+            target.cell = 1.0f;
+            if (!target.want(static_cast<float>(-border), static_cast<float>(-border), span, span, x, y)) continue;
+            FilteredMap& map = level > 0 ? coarse_maps_[layers_.size()] : maps_[targets_.size()];
+            const int map_left = static_cast<int>(target.left), map_top = static_cast<int>(target.top);
+            layers_.push_back({target.layer, target.slope, target.near, map_left, map_top, target.columns, &map});
+            if (level > 0)
+                magnifier_.run(coarse_map(target.layer), level, left + map_left, top + map_top, target.rows,
+                               target.columns, map);
+            else
+                targets_.push_back(std::move(target));
+        }
+        layer_maps_.filter(targets_, x, y, maps_);
     }
 
-    // Joins neighbours until the limit is met, always the pair whose union has the most effective filter.
-    void join_layers() {
-        const auto limit = static_cast<std::size_t>(plan_.max_layers);
-        while (limit > 0 && layers_.size() > limit) {
-            std::size_t best = 0;
-            auto cost = [&](std::size_t i) {
-                const double c_min = layers_[i].c_min, c_max = layers_[i + 1].c_max;
-                const bool one_side = c_min * c_max > 0;
-                return std::pair(!one_side, one_side ? (c_max - c_min) / (c_min * c_max) : c_max - c_min);
-            };
-            for (std::size_t i = 1; i + 1 < layers_.size(); ++i)
-                if (cost(i) < cost(best)) best = i;
-            layers_[best].c_max = layers_[best + 1].c_max;
-            layers_[best].end = layers_[best + 1].end;
-            layers_.erase(layers_.begin() + static_cast<std::ptrdiff_t>(best) + 1);
+    const CoarseMap& coarse_map(int layer) const {
+        return *std::find_if(coarse_.begin(), coarse_.end(), [&](const CoarseMap& map) { return map.layer == layer; });
+    }
+
+    // Every part of the aperture sees the layers from where it is.
+    void composite_strip(int row, int rows, bool separately) {
+        const std::ptrdiff_t area = std::ptrdiff_t{strip_rows} * width_;
+        for (int part = 0; part < plan_.part_count; ++part) {
+            const float u = plan_.parts[3 * part], v = plan_.parts[3 * part + 1], weight = plan_.parts[3 * part + 2];
+            std::fill_n(transmittance_.begin(), area, 1.0f);
+            std::fill_n(transmittance_.begin() + area, 2 * area, 0.0f);
+            for (std::size_t i = 0; i < layers_.size(); ++i)
+                composite_layer(layers_[i], row, rows, u, v, weight,
+                                separately ? &layer_sums_[i * sums_.size()] : sums_.data());
         }
     }
 
-    // Algorithm 1: scatter along the layer's shear, then blur. Hits are the layer's samples, holes all behind.
-    void filter(const Layer& layer) {
-        const LayerFilter shape = layer_filter(layer.c_min, layer.c_max, occlusion(layer), plan_.rule);
-        const ScreenGrid grid = screen_grid(shape.variance, plan_.ring, plan_.rule.family);
-        const BinWindow window(grid, plan_.tile, width_);
-        make_taps(shape.variance, grid, window);
+    // The part of the strip that the layer's map reaches, seen from (u, v).
+    void composite_layer(const TileLayer& layer, int row, int rows, float u, float v, float weight, float* sums) {
+        const FilteredMap& map = *layer.map;
+        const int beyond = layer.near ? 0 : 1;  // cells that interpolation reads besides a pixel's own
+        const float x = layer.near ? 0.0f : -layer.slope * u, y = layer.near ? 0.0f : -layer.slope * v;
+        const int shift_x = static_cast<int>(std::floor(x)), shift_y = static_cast<int>(std::floor(y));
+        const int left = std::max(layer.left - shift_x, 0);
+        const int right = std::min(layer.left - shift_x + layer.columns - beyond, plan_.tile);
+        const int top = std::max(layer.top - shift_y, row);
+        const int bottom = std::min(layer.top - shift_y + map.rows - beyond, row + rows);
+        if (left >= right || top >= bottom) return;
 
-        const std::ptrdiff_t plane = window.size + 1;
-        bin_sums_.assign(channels * plane, 0.0f);
-        float* const sums = bin_sums_.data();
-        scatter(layer.begin, layer.end, shape, window, [=, this](int i, std::int32_t bin, float weight) {
-            const float* color = &gathered_.color[std::size_t{3} * i];
-            sums[red * plane + bin] += weight * color[0];
-            sums[green * plane + bin] += weight * color[1];
-            sums[blue * plane + bin] += weight * color[2];
-            sums[hits * plane + bin] += weight;
-        });
-        float* const all = sums + total * plane;
-        std::memcpy(all, sums + hits * plane, sizeof(float) * plane);
-        scatter(layer.end, gathered_.count, shape, window,
-                [=](int, std::int32_t bin, float weight) { all[bin] += weight; });
-
-        row_sums_.resize(std::size_t(window.rows) * width_);
-        const int tap_count = 2 * window.radius + 1;
-        const std::ptrdiff_t row_step = std::ptrdiff_t{window.bins_per_pixel} * width_;
-        const float* const top = row_sums_.data() + std::ptrdiff_t{window.first_tap()} * width_;
-        for (int channel = 0; channel < channels; ++channel) {
-            blur(sums + channel * plane, window.stride, row_sums_.data(), window.rows, width_, taps_.data(),
-                 tap_columns_.data(), tap_count);
-            blur(top, row_step, sum(channel), plan_.tile, width_, taps_.data(), tap_rows_.data(), tap_count);
-        }
-    }
-
-    // Share of the tile's samples that cover a layer, weighted by how differently they shear.
-    double occlusion(const Layer& layer) const {
-        const double center = central_slope(layer.c_min, layer.c_max);
-        double covering = 0;
-        for (const Layer& front : layers_) {
-            if (front.begin >= layer.begin) break;
-            covering += (front.end - front.begin) * covering_share(central_slope(front.c_min, front.c_max), center);
-        }
-        return covering / gathered_.count;
-    }
-
-    // The kernel's taps from its first to its last, and where each reads: in a row of bins, and in a column of
-    // row sums.
-    void make_taps(double variance, ScreenGrid grid, const BinWindow& window) {
-        taps_.resize(2 * grid.radius + 1);
-        tap_columns_.resize(taps_.size());
-        tap_rows_.resize(taps_.size());
-        layer_taps(variance, grid, plan_.rule.family, taps_.data() + grid.radius);
-        for (int d = 1; d <= grid.radius; ++d) taps_[grid.radius - d] = taps_[grid.radius + d];
-        for (int k = 0; k <= 2 * grid.radius; ++k) {
-            const int bin = window.first_tap() + k;
-            tap_columns_[k] = bin % grid.bins_per_pixel * window.segment + bin / grid.bins_per_pixel;
-            tap_rows_[k] = k * width_;
-        }
-    }
-
-    template <typename Add>
-    void scatter(int begin, int end, const LayerFilter& shape, const BinWindow& window, Add&& add) {
-        const auto corner = static_cast<float>(plan_.ring - window.margin);
-        const auto side = static_cast<float>(plan_.tile + 2 * window.margin);
-        std::int32_t bins[batch];
-        float weights[batch];
-        for (int first = begin; first < end; first += batch) {
-            const int n = std::min(batch, end - first);
-            bins_and_weights(&gathered_.x[first], &gathered_.y[first], &gathered_.u[first], &gathered_.v[first], n,
-                             static_cast<float>(shape.eta), static_cast<float>(shape.falloff), corner, side, window,
-                             bins, weights);
-            for (int i = 0; i < n; ++i) add(first + i, bins[i], weights[i]);
-        }
-    }
-
-    void store_layer(const Layer& layer, int row, int column, const LayeredOutput& output) {
-        const int slot = plan_.slot_of_partition[layer.first_partition];
-        for_pixels(row, column, [&](std::ptrdiff_t pixel, int i) {
-            float* target = output.layer_images + (pixel * output.slots + slot) * 4;
-            for (int channel : {red, green, blue, hits}) target[channel] = sum(channel)[i];
-        });
+        LayerView view{{}, map.stride, x - static_cast<float>(shift_x), y - static_cast<float>(shift_y),
+                       -layer.slope * static_cast<float>(std::sqrt(plan_.part_variance))};
+        for (int channel = 0; channel < channel_count; ++channel)
+            view.channels[channel] = map.channel(channel) +
+                                     std::ptrdiff_t{top + shift_y - layer.top} * map.stride + left + shift_x - layer.left;
+        const std::ptrdiff_t area = std::ptrdiff_t{strip_rows} * width_, plane = std::ptrdiff_t{plan_.tile} * width_;
+        float* const behind = transmittance_.data() + std::ptrdiff_t{top - row} * width_ + left;
+        sums += std::ptrdiff_t{top} * width_ + left;
+        const Strip strip{behind,
+                          behind + area,
+                          behind + 2 * area,
+                          sums,
+                          sums + plane,
+                          sums + 2 * plane,
+                          sums + 3 * plane,
+                          bottom - top,
+                          right - left,
+                          width_,
+                          weight};
+        if (layer.near)
+            composite_near(view, strip);
+        else
+            composite(view, strip);
     }
 
     // What is left transparent is missing data, not a dark background.
-    void store_image(int row, int column, float* image) {
-        for_pixels(row, column, [&](std::ptrdiff_t pixel, int i) {
-            const float opacity = 1.0f - transmittance_[i];
-            const float scale = opacity > min_opacity ? 1.0f / opacity : 1.0f;
-            for (int channel = 0; channel < 3; ++channel)
-                image[3 * pixel + channel] = scale * radiance_[std::ptrdiff_t{channel} * pixels_ + i];
-        });
-    }
-
-    template <typename Store>
-    void for_pixels(int row, int column, Store&& store) {
-        const int rows = std::min(plan_.tile, samples_.height - row);
-        const int columns = std::min(plan_.tile, samples_.width - column);
+    void store(int left, int top, const LayeredOutput& output) {
+        const std::ptrdiff_t plane = std::ptrdiff_t{plan_.tile} * width_;
+        const int rows = std::min(plan_.tile, samples_.height - top);
+        const int columns = std::min(plan_.tile, samples_.width - left);
+        for (std::size_t layer = 0; output.contributions && layer < layers_.size(); ++layer)
+            for (std::size_t i = 0; i < sums_.size(); ++i) sums_[i] += layer_sums_[layer * sums_.size() + i];
         for (int i = 0; i < rows; ++i)
-            for (int j = 0; j < columns; ++j)
-                store(std::ptrdiff_t{row + i} * samples_.width + column + j, i * width_ + j);
+            for (int j = 0; j < columns; ++j) {
+                const std::ptrdiff_t at = std::ptrdiff_t{i} * width_ + j;
+                const std::ptrdiff_t pixel = std::ptrdiff_t{top + i} * samples_.width + left + j;
+                const float scale = sums_[at] > min_opacity ? 1.0f / sums_[at] : 1.0f;
+                for (int channel = 0; channel < 3; ++channel)
+                    output.image[3 * pixel + channel] = scale * sums_[(channel + 1) * plane + at];
+                for (std::size_t layer = 0; output.contributions && layer < layers_.size(); ++layer) {
+                    const float* const sums = &layer_sums_[layer * sums_.size()];
+                    float* const target = output.contributions +
+                                          (pixel * output.slots + output.slot_of_layer[layers_[layer].layer]) * 4;
+                    for (int channel = 0; channel < 3; ++channel)
+                        target[channel] = scale * sums[(channel + 1) * plane + at];
+                    target[3] = scale * sums[at];
+                }
+            }
     }
 
     const Samples& samples_;
-    const SampleIndex index_;
     const LayeredPlan& plan_;
-    const int width_;   // of the tile in memory: a whole number of column groups
-    const int pixels_;  // of the tile in memory
+    const std::vector<CoarseMap> coarse_;
+    LayerMaps layer_maps_;
+    Magnifier magnifier_;
+    const int width_;   // of a tile's row in memory
+    float offset_ = 0;  // of the farthest part of the aperture, in lens units
 
-    TileSamples gathered_;
-    std::vector<Layer> layers_;
-    std::vector<std::int32_t> tap_columns_, tap_rows_;
-    std::vector<float> taps_, bin_sums_, row_sums_, sums_, radiance_, transmittance_;
+    std::vector<TileLayer> layers_;
+    std::vector<LayerTarget> targets_;
+    std::vector<FilteredMap> maps_, coarse_maps_;
+    std::vector<float> transmittance_, sums_, layer_sums_;  // sums: opacity and radiance
 };
 
 }  // namespace
 
-void layered_tiles(const Samples& samples, const Extent* extents, int block, const LayeredPlan& plan, int first,
-                   int last, const LayeredOutput& output) {
-    TileReconstruction reconstruction(samples, extents, block, plan);
+void block_layers(const Samples& samples, const LayeredPlan& plan, float margin, int first, int last,
+                  const BlockLayersOutput& output) {
+    constexpr float infinity = std::numeric_limits<float>::infinity();
+    const LayerLookup lookup(plan.boundaries, plan.layer_count - 1);
+    const int block = output.block, columns = (samples.width + block - 1) / block;
+    const float right = static_cast<float>(samples.width) + margin;
+    const float bottom = static_cast<float>(samples.height) + margin;
+    for (int cell = first * columns; cell < last * columns; ++cell) {
+        const int top = cell / columns * block, left = cell % columns * block;
+        const int i_end = std::min(top + block, samples.height), j_end = std::min(left + block, samples.width);
+        Extent box{infinity, -infinity, infinity, -infinity};
+        std::int32_t* const counts = output.counts + std::ptrdiff_t{cell} * plan.layer_count;
+        double* const slope_sums = output.slope_sums + std::ptrdiff_t{cell} * plan.layer_count;
+        for (int i = top; i < i_end; ++i) {
+            const std::ptrdiff_t row = std::ptrdiff_t{i} * samples.width;
+            for (std::ptrdiff_t k = (row + left) * samples.spp; k < (row + j_end) * samples.spp; ++k) {
+                const float x = samples.xy[2 * k], y = samples.xy[2 * k + 1];
+                if (x < -margin || x > right || y < -margin || y > bottom) continue;
+                box = {std::min(box.x_min, x), std::max(box.x_max, x), std::min(box.y_min, y),
+                       std::max(box.y_max, y)};
+                const float c = slope(samples.depth[k], samples.c0, samples.c1);
+                const int layer = lookup(c);
+                ++counts[layer];
+                slope_sums[layer] += double{std::min(std::max(c, -max_slope), max_slope)};
+            }
+        }
+        output.extents[cell] = box;
+    }
+}
+
+void coarse_tiles(const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan, const CoarseMap* maps,
+                  int map_count, int level, int first, int last) {
+    LayerMaps layer_maps(samples, blocks, plan);
+    std::vector<FilteredMap> filtered;
+    const float cell = static_cast<float>(1 << level), side = cell * static_cast<float>(plan.map_tile);
+    const std::ptrdiff_t area = std::ptrdiff_t{plan.map_tile} * plan.map_tile;
+    for (int tile = first; tile < last; ++tile) {
+        const float margin = static_cast<float>(coarse_margin) * cell;
+        const float left = side * static_cast<float>(tile % maps[0].columns) - margin;
+        const float top = side * static_cast<float>(tile / maps[0].columns) - margin;
+        std::vector<LayerTarget> targets = layer_maps.layers_near({left, left + side, top, top + side}, level, level);
+        std::erase_if(targets, [&](LayerTarget& target) {
+            return !target.want(0.0f, 0.0f, plan.map_tile, plan.map_tile, left, top);
+        });
+        layer_maps.filter(targets, left, top, filtered);
+        for (std::size_t i = 0; i < targets.size(); ++i) {
+            const CoarseMap& map =
+                *std::find_if(maps, maps + map_count, [&](const CoarseMap& m) { return m.layer == targets[i].layer; });
+            const auto first_row = static_cast<std::ptrdiff_t>(targets[i].top / cell);
+            const auto first_column = static_cast<std::ptrdiff_t>(targets[i].left / cell);
+            float* const out =
+                map.values + tile * channel_count * area + first_row * plan.map_tile + first_column;
+            for (int channel = 0; channel < channel_count; ++channel)
+                for (int row = 0; row < targets[i].rows; ++row)
+                    std::memcpy(out + channel * area + std::ptrdiff_t{row} * plan.map_tile,
+                                filtered[i].channel(channel) + std::ptrdiff_t{row} * filtered[i].stride,
+                                sizeof(float) * static_cast<std::size_t>(targets[i].columns));
+        }
+    }
+}
+
+void layered_tiles(const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan, const CoarseMap* maps,
+                   int map_count, int first, int last, const LayeredOutput& output) {
+    TileReconstruction reconstruction(samples, blocks, plan, maps, map_count);
     for (int tile = first; tile < last; ++tile) reconstruction.run(tile, output);
 }
 

@@ -1,33 +1,72 @@
-// The layered method's CPU kernel: a range of tiles, one thread. Twin of src/fewrays/layered/reference.py.
+// The layered method's CPU kernels: ranges of blocks or tiles, one thread. Twin of src/fewrays/layered/reference.py.
 #pragma once
 
 #include <cstdint>
 
-#include "math/layered_filter.h"
 #include "samples.h"
 
 namespace fewrays {
 
 struct LayeredPlan {
-    int tile, ring;
-    int max_layers;  // 0: no limit
-    // Partition of a slope c: partition_of_bin[clamp(floor(c * bins_per_pixel) - first_bin)].
-    float bins_per_pixel;
-    int first_bin, bin_count, partition_count;
-    const std::uint8_t* partition_of_bin;   // (bin_count)
-    const std::int32_t* slot_of_partition;  // (partition_count): place in the per-layer images, or -1
-    FilterRule rule;
+    int tile;      // side of a tile of the image, in pixels
+    int map_tile;  // side of a tile of a coarse layer's map, in bins
+    int layer_count;
+    const float* boundaries;     // (layer_count - 1): slopes where one layer ends and the next begins, ascending
+    const std::int32_t* levels;  // (layer_count): bins of 2^level pixels; -1: near focus, fractions of a pixel
+    const float* reaches;        // (layer_count): largest |slope| of a sample
+    double pixel_variance;       // of the pixel filter along one axis, in pixels²
+    double aperture_variance;    // of the aperture along one axis, in lens units²
+    double part_variance;        // of one of its parts
+    int part_count;
+    const float* parts;  // (part_count, 3): centre (u, v) and weight
+    float interpolation;  // variance that reading maps between their cells adds along one axis, in cells²
+    float seen;           // samples per square pixel from which on a bin is known for certain
+};
+
+// What each block of pixels holds of each layer, and where its samples lie.
+struct BlockLayers {
+    int block;                   // side in pixels
+    const Extent* extents;       // (rows, columns)
+    const std::int32_t* counts;  // (rows, columns, layer_count): samples
+    const double* slope_sums;    // (rows, columns, layer_count)
+};
+
+struct BlockLayersOutput {
+    int block;
+    Extent* extents;
+    std::int32_t* counts;
+    double* slope_sums;
+};
+
+// The filtered map of a coarse layer over the image and some bins around it, tile after tile:
+// (tile rows, tile columns, 5, map_tile, map_tile).
+struct CoarseMap {
+    float* values;
+    int layer;
+    int rows, columns;  // in tiles
 };
 
 struct LayeredOutput {
     float* image;          // (H, W, 3)
     std::int32_t* counts;  // (tiles): active layers
-    float* layer_images;   // (H, W, slots, 4): radiance and opacity of each layer, or null
+    float* contributions;  // (H, W, slots, 4): each layer's part of the image, radiance and opacity; or null
+    const std::int32_t* slot_of_layer;  // (layer_count)
     int slots;
 };
 
-// `extents` come from block_extents with the plan's ring as margin.
-void layered_tiles(const Samples& samples, const Extent* extents, int block, const LayeredPlan& plan, int first,
-                   int last, const LayeredOutput& output);
+constexpr int coarse_margin = 12;        // bins of a coarse map around the image
+constexpr float max_slope = 32768.0f;  // pixels; beyond, a sample's light is spread over far more than any image
+
+// Surveys rows of blocks [first, last). Samples farther than `margin` pixels outside the image are left out.
+void block_layers(const Samples& samples, const LayeredPlan& plan, float margin, int first, int last,
+                  const BlockLayersOutput& output);
+
+// Fills tiles [first, last) of the maps of all layers of one level.
+void coarse_tiles(const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan, const CoarseMap* maps,
+                  int map_count, int level, int first, int last);
+
+// Reconstructs tiles [first, last) of the image; `maps` are those of all coarse layers, in the order of layers.
+void layered_tiles(const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan, const CoarseMap* maps,
+                   int map_count, int first, int last, const LayeredOutput& output);
 
 }  // namespace fewrays

@@ -8,7 +8,7 @@ from typing import Any, Literal, overload
 import numpy as np
 import numpy.typing as npt
 
-from fewrays import layered
+from fewrays import layered, layered_published
 from fewrays.baselines import axis_aligned, box
 from fewrays.errors import SampleError
 from fewrays.method import Image, Method, Reconstruction
@@ -19,7 +19,13 @@ __all__ = ["METHODS", "find_method", "reconstruct", "run_method"]
 
 METHODS: dict[str, Method] = {
     method.name: method
-    for method in (layered.METHOD, layered.AXIS_ALIGNED_METHOD, axis_aligned.METHOD, box.METHOD)
+    for method in (
+        layered.METHOD,
+        layered_published.METHOD,
+        layered_published.AXIS_ALIGNED_METHOD,
+        axis_aligned.METHOD,
+        box.METHOD,
+    )
 }
 """Every method by name, the best first."""
 

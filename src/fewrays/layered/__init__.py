@@ -1,117 +1,48 @@
-"""Layered light field reconstruction (Vaidyanathan, Munkberg, Clarberg and Salvi 2015).
+"""Layered light field reconstruction, after Vaidyanathan, Munkberg, Clarberg and Salvi 2015 and beyond it.
 
-Samples are split into depth layers; each layer's radiance and opacity are averaged over the lens by a
-separable sheared filter; the layers are composited by average opacity. `reference` is the method in plain
-NumPy, `filters` and `partitions` hold its mathematics, `plan` what all tiles share.
+Samples are split into thin depth layers. Each layer keeps a map of radiance and opacity as the lens centre sees it;
+a separable blur turns it into what a part of the aperture sees, for any blur radius; the layers are composited front
+to back, part by part. `reference` is the method in plain NumPy; `slabs` says what a layer is, `aperture` what a part
+is, `plan` what all tiles share. `fewrays.layered_published` is the method as the paper has it.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from fewrays.errors import SampleError
-from fewrays.layered import kernel, reference
-from fewrays.layered.filters import FilterRule
-from fewrays.layered.partitions import Partitions
+from fewrays.layered import kernel
 from fewrays.layered.plan import Plan
 from fewrays.method import Method, Reconstruction
-from fewrays.parallel import Execution, progress_bar
+from fewrays.parallel import Execution
 from fewrays.samples import SampleBuffer
 
-__all__ = ["AXIS_ALIGNED_METHOD", "METHOD", "LayeredAxisAlignedOptions", "LayeredOptions"]
+__all__ = ["METHOD", "LayeredOptions"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class _TileOptions:
+class LayeredOptions:
+    """Options of ``method="layered"``."""
+
     sigma_pix: float = 0.5
     """Standard deviation of the Gaussian pixel filter, in pixels."""
-    partitions: int = 25
-    """Depth partitions on either side of the focal plane, fewer where boundaries share a bin; fewer are
-    faster and noisier. (Published: 15.)"""
-    partition_sigma_x: float = 16.0
-    """Screen-space extent that the filter of a whole partition may have, in pixels: larger makes partitions
-    narrower and more. (Published: 8.)"""
-    bin_size: float = 0.5
-    """Partition boundaries are multiples of this slope, in pixels."""
-    tile: int = 32
-    """Side of a tile in pixels."""
-    ring: int = 16
-    """Width in pixels of the ring around a tile whose samples it uses."""
-    max_sigma_x: float = 8.0
-    """Largest screen-space extent of a filter (standard deviation), in pixels; at most half the ring."""
-    max_layers: int | None = None
-    """Largest number of layers in a tile: neighbouring layers are joined beyond it. No limit by default."""
+    layer_spacing: float = 0.16
+    """Thickness of a depth layer: roughly the ratio by which slopes differ far from focus, and in pixels of slope
+    near focus about six times as much. Larger is faster and less sharp at occlusions."""
+    aperture_parts: int = 3
+    """Parts of the aperture along one axis whose visibility is resolved apart: 1 is fastest and as the paper has
+    it, more are truer where blurred things cover each other."""
+    tile: int = 64
+    """Side of a tile in pixels; a matter of speed."""
 
     def __post_init__(self) -> None:
         _require("sigma_pix", self.sigma_pix, 0.0 < self.sigma_pix <= 4.0, "in (0, 4] px")
-        _require("partitions", self.partitions, 1 <= self.partitions <= 100, "from 1 to 100")
-        _require(
-            "partition_sigma_x",
-            self.partition_sigma_x,
-            1 <= self.partition_sigma_x <= 256,
-            "from 1 to 256 px",
-        )
-        _require("bin_size", self.bin_size, 0.01 <= self.bin_size <= 8.0, "from 0.01 to 8 px")
-        _require("tile", self.tile, 4 <= self.tile <= 256, "from 4 to 256 px")
-        _require("ring", self.ring, 1 <= self.ring <= 256, "from 1 to 256 px")
-        limit = self.ring / 2
-        _require(
-            "max_sigma_x",
-            self.max_sigma_x,
-            0.0 < self.max_sigma_x <= limit,
-            f"in (0, ring / 2 = {limit:g}] px",
-        )
-        if self.max_layers is not None:
-            _require("max_layers", self.max_layers, self.max_layers >= 1, "at least 1")
-
-
-@dataclass(frozen=True, kw_only=True)
-class LayeredOptions(_TileOptions):
-    """Options of ``method="layered"``."""
-
-    screen_filter: Literal["matched", "paper"] = "matched"
-    """Widths of the screen-space filters: matched in variance to what aperture and pixel filter make of a
-    point, on fine bins, or as published (which leaves out the narrower of the two)."""
-    occluded_sigma_x: float | None = None
-    """Largest screen-space extent of the filter of a layer that others cover, in pixels: small for correct
-    occlusion, large for less noise. 5 / sqrt(samples per pixel) by default. (Published: no different.)"""
-
-    @classmethod
-    def published(cls) -> LayeredOptions:
-        """Return the options that give the published filters and partitions.
-
-        What remains: a disc lens becomes a Gaussian, importance samples are never weighted up, slope ranges
-        are exact instead of rounded to bins, and the result is divided by the accumulated opacity.
-        """
-        return cls(partitions=15, partition_sigma_x=8.0, screen_filter="paper", occluded_sigma_x=8.0)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        known = self.screen_filter in ("matched", "paper")
-        _require("screen_filter", self.screen_filter, known, "'matched' or 'paper'")
-        occluded = self.occluded_sigma_x
-        _require("occluded_sigma_x", occluded, occluded is None or occluded >= 0.1, "of at least 0.1 px")
-
-
-@dataclass(frozen=True, kw_only=True)
-class LayeredAxisAlignedOptions(_TileOptions):
-    """Options of ``method="layered-axis-aligned"``, the paper's OURAA, with the published partitions."""
-
-    partitions: int = 15
-    """Depth partitions on either side of the focal plane."""
-    partition_sigma_x: float = 8.0
-    """Screen-space extent that the sheared filter of a whole partition may have, in pixels."""
-    k: float = 2.0
-    """Divisor of the filter widths, which keeps more of the aperture's spectrum."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _require("k", self.k, 0.1 <= self.k <= 100, "from 0.1 to 100")
+        _require("layer_spacing", self.layer_spacing, 0.05 <= self.layer_spacing <= 1.0, "from 0.05 to 1")
+        _require("aperture_parts", self.aperture_parts, 1 <= self.aperture_parts <= 5, "from 1 to 5")
+        _require("tile", self.tile, 16 <= self.tile <= 256, "from 16 to 256 px")
 
 
 def _require(name: str, value: object, accepted: bool, allowed: str) -> None:
@@ -119,88 +50,29 @@ def _require(name: str, value: object, accepted: bool, allowed: str) -> None:
         raise SampleError(f"expected a value {allowed}, got {value!r}", field=name)
 
 
-def _run_sheared(samples: SampleBuffer, options: LayeredOptions, execution: Execution) -> Reconstruction:
-    occluded_sigma_x = options.occluded_sigma_x
-    if occluded_sigma_x is None:  # noise falls with the samples under the filter, sigma_x² spp
-        occluded_sigma_x = _OCCLUDED_SIGMA_X / math.sqrt(samples.spp)
-    rule = FilterRule.for_lens(
-        samples.lens,
-        options.screen_filter,
+def _run(samples: SampleBuffer, options: LayeredOptions, execution: Execution) -> Reconstruction:
+    plan = Plan.for_samples(
+        samples,
         sigma_pix=options.sigma_pix,
-        max_sigma_x=options.max_sigma_x,
-        occluded_sigma_x=occluded_sigma_x,
+        layer_spacing=options.layer_spacing,
+        aperture_parts=options.aperture_parts,
+        tile=options.tile,
     )
-    return _run(samples, options, rule, execution)
-
-
-def _run_axis_aligned(
-    samples: SampleBuffer, options: LayeredAxisAlignedOptions, execution: Execution
-) -> Reconstruction:
-    rule = FilterRule.for_lens(
-        samples.lens,
-        "axis-aligned",
-        sigma_pix=options.sigma_pix,
-        max_sigma_x=options.max_sigma_x,
-        k=options.k,
-    )
-    return _run(samples, options, rule, execution)
-
-
-def _run(
-    samples: SampleBuffer, options: _TileOptions, rule: FilterRule, execution: Execution
-) -> Reconstruction:
-    plan = _plan(samples, options, rule, with_slots=execution.aovs)
     shape = (samples.height, samples.width)
     image = np.zeros((*shape, 3), np.float32)
     counts = np.zeros(plan.tile_count, np.int32)
-    layer_images = None
-    if execution.aovs:
-        layer_images = np.zeros((*shape, int(plan.slots.max()) + 1, 4), np.float32)
-
-    if execution.device == "reference":
-        with progress_bar(plan.tile_count, "layered", show=execution.progress, unit="tile") as bar:
-            for tile in range(plan.tile_count):
-                row, column, height, width = plan.tile_rectangle(tile)
-                pixels, counts[tile] = reference.reconstruct_tile(samples, plan, tile, layer_images)
-                image[row : row + height, column : column + width] = pixels
-                bar.update()
-    else:
-        kernel.reconstruct_tiles(samples, plan, image, counts, layer_images, execution)
-
-    if layer_images is None:
+    slots = np.arange(plan.slabs.count, dtype=np.int32)
+    contributions = np.zeros((*shape, plan.slabs.count, 4), np.float32) if execution.aovs else None
+    kernel.reconstruct_tiles(samples, plan, image, counts, slots, contributions, execution)
+    if contributions is None:
         return Reconstruction(image)
     return Reconstruction(
         image,
         {
             "layer_count": _spread_over_tiles(counts, plan),
-            "layer_radiance": layer_images[..., :3],
-            "layer_opacity": layer_images[..., 3],
+            "layer_radiance": contributions[..., :3],
+            "layer_opacity": contributions[..., 3],
         },
-    )
-
-
-def _plan(samples: SampleBuffer, options: _TileOptions, rule: FilterRule, *, with_slots: bool) -> Plan:
-    partitions = Partitions.of_constant_energy(
-        options.partitions,
-        sigma_u=rule.sigma_u,
-        sigma_x=options.partition_sigma_x,
-        bin_size=options.bin_size,
-    )
-    slots = np.full(partitions.count, -1, np.int32)
-    if with_slots:  # per-layer images only for the partitions that occur
-        occurring = np.unique(
-            np.concatenate([partitions.of_slope(samples.lens.slope(d)) for d in samples.depth])
-        )
-        slots[occurring] = np.arange(len(occurring))
-    return Plan(
-        height=samples.height,
-        width=samples.width,
-        tile=options.tile,
-        ring=options.ring,
-        partitions=partitions,
-        rule=rule,
-        max_layers=options.max_layers,
-        slots=slots,
     )
 
 
@@ -210,20 +82,10 @@ def _spread_over_tiles(counts: npt.NDArray[np.int32], plan: Plan) -> npt.NDArray
     return np.kron(blocks, np.ones((plan.tile, plan.tile), np.float32))[: plan.height, : plan.width]
 
 
-_OCCLUDED_SIGMA_X = 5.0  # pixels, at one sample per pixel
-
 METHOD = Method(
     name="layered",
-    summary="depth layers, separable sheared filters (Vaidyanathan et al. 2015)",
+    summary="thin depth layers, blurred and composited by parts of the aperture (after Vaidyanathan et al. 2015)",
     options=LayeredOptions,
     devices=("cpu", "reference"),
-    run=_run_sheared,
-)
-
-AXIS_ALIGNED_METHOD = Method(
-    name="layered-axis-aligned",
-    summary="depth layers, axis-aligned filters (the baseline OURAA of the layered paper)",
-    options=LayeredAxisAlignedOptions,
-    devices=("cpu", "reference"),
-    run=_run_axis_aligned,
+    run=_run,
 )

@@ -1,4 +1,4 @@
-"""The layered method's native kernel, mapped over tiles by a thread pool."""
+"""The layered method's native kernels, mapped over blocks and tiles by a thread pool."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ import numpy as np
 import numpy.typing as npt
 
 from fewrays import _native
-from fewrays.layered.filters import FilterRule
-from fewrays.layered.plan import Plan
+from fewrays.layered.plan import MAP_MARGIN, MAX_SLOPE, Plan
 from fewrays.parallel import Execution, map_ranges
 from fewrays.samples import SampleBuffer
 
-__all__ = ["native_rule", "reconstruct_tiles"]
+__all__ = ["reconstruct_tiles"]
 
-_BLOCK = 16  # side of the blocks of pixels whose samples' extents are known, in pixels
+_BLOCK = 16  # side of the blocks of pixels that are surveyed, in pixels
 
 
 def reconstruct_tiles(
@@ -21,33 +20,32 @@ def reconstruct_tiles(
     plan: Plan,
     image: npt.NDArray[np.float32],
     counts: npt.NDArray[np.int32],
-    layer_images: npt.NDArray[np.float32] | None,
+    slots: npt.NDArray[np.int32],
+    contributions: npt.NDArray[np.float32] | None,
     execution: Execution,
 ) -> None:
-    """Reconstruct all tiles into `image`, the number of layers into `counts` and the layers if asked for."""
+    """Reconstruct all tiles into `image`, the number of layers into `counts`, the layers' parts if asked for."""
     view = _native.Samples(
         samples.xy, samples.uv, samples.depth, samples.color, samples.lens.c0, samples.lens.c1
     )
-    extents = np.empty((-(-plan.height // _BLOCK), -(-plan.width // _BLOCK), 4), np.float32)
-    map_ranges(
-        lambda first, last: _native.block_extents(view, _BLOCK, float(plan.ring), first, last, extents),
-        len(extents),
-        execution,
-        label="sorting",
-    )
     native_plan = _native.LayeredPlan(
         tile=plan.tile,
-        ring=plan.ring,
-        max_layers=plan.max_layers or 0,
-        bins_per_pixel=1 / plan.partitions.bin_size,
-        first_bin=plan.partitions.first_bin,
-        partition_of_bin=plan.partitions.table,
-        slot_of_partition=plan.slots,
-        rule=native_rule(plan.rule),
+        map_tile=plan.map_tile,
+        boundaries=plan.slabs.boundaries,
+        levels=plan.slabs.levels,
+        reaches=plan.slabs.reaches,
+        pixel_variance=plan.pixel_variance,
+        aperture_variance=plan.aperture_variance,
+        part_variance=plan.aperture.sigma**2,
+        parts=plan.aperture.parts,
+        interpolation=plan.interpolation_variance,
+        seen=plan.seen,
     )
+    blocks = _survey(samples, view, plan, native_plan, execution)
+    maps = _coarse_maps(view, blocks, plan, native_plan, execution)
     map_ranges(
         lambda first, last: _native.layered_tiles(
-            view, extents, _BLOCK, native_plan, first, last, image, counts, layer_images
+            view, blocks, native_plan, maps, first, last, image, counts, slots, contributions
         ),
         plan.tile_count,
         execution,
@@ -55,16 +53,59 @@ def reconstruct_tiles(
     )
 
 
-def native_rule(rule: FilterRule) -> _native.FilterRule:
-    """Hand a filter rule to the native side, field by field."""
-    return _native.FilterRule(
-        family=_native.FilterFamily(("paper", "matched", "axis-aligned").index(rule.family)),
-        sigma_pix=rule.sigma_pix,
-        sigma_u=rule.sigma_u,
-        max_sigma_x=rule.max_sigma_x,
-        occluded_sigma_x=rule.occluded_sigma_x,
-        sampling=_native.Sampling(("disc", "square", "gaussian").index(rule.sampling)),
-        sampling_sigma=rule.sampling_sigma,
-        aperture_moment=rule.aperture_moment,
-        k=rule.k,
+def _survey(
+    samples: SampleBuffer,
+    view: _native.Samples,
+    plan: Plan,
+    native_plan: _native.LayeredPlan,
+    execution: Execution,
+) -> _native.BlockLayers:
+    """Find out which layers every block of pixels has, and where its samples lie."""
+    shape = (-(-plan.height // _BLOCK), -(-plan.width // _BLOCK))
+    extents = np.empty((*shape, 4), np.float32)
+    counts = np.zeros((*shape, plan.slabs.count), np.int32)
+    slope_sums = np.zeros((*shape, plan.slabs.count), np.float64)
+    margin = 4 * float(plan.slabs.reaches.max()) + 64.0  # no sample farther out reaches the image
+    map_ranges(
+        lambda first, last: _native.block_layers(
+            view, native_plan, margin, first, last, _BLOCK, extents, counts, slope_sums
+        ),
+        shape[0],
+        execution,
+        label="survey",
     )
+    return _native.BlockLayers(_BLOCK, extents, counts, slope_sums)
+
+
+def _coarse_maps(
+    view: _native.Samples,
+    blocks: _native.BlockLayers,
+    plan: Plan,
+    native_plan: _native.LayeredPlan,
+    execution: Execution,
+) -> list[_native.CoarseMap]:
+    """Filter the layers that are blurred enough for bins of several pixels."""
+    maps = []
+    for level in range(1, int(plan.slabs.levels.max(initial=0)) + 1):
+        rows, columns = plan.map_tiles(level)
+        # Fresh zeros take no memory before they are written, so tiles that lack a layer cost nothing.
+        of_level = [
+            _native.CoarseMap(int(layer), np.zeros((rows, columns, 5, plan.map_tile, plan.map_tile), np.float32))
+            for layer in np.flatnonzero(plan.slabs.levels == level)
+        ]
+        if of_level:
+            map_ranges(
+                lambda first, last, level=level, of_level=of_level: _native.coarse_tiles(
+                    view, blocks, native_plan, of_level, level, first, last
+                ),
+                rows * columns,
+                execution,
+                label=f"layers of {2**level} px",
+                chunk=1,
+            )
+        maps += of_level
+    return maps
+
+
+
+

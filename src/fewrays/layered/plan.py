@@ -1,16 +1,24 @@
-"""What all tiles of a layered reconstruction share: tiling, partitions and the filter rule."""
+"""What all tiles of a layered reconstruction share: layers, parts of the aperture, widths of the blurs."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from fewrays.layered.filters import FilterRule
-from fewrays.layered.partitions import Partitions
+from fewrays.layered.aperture import ApertureParts, aperture_variance
+from fewrays.layered.slabs import Slabs
+from fewrays.samples import SampleBuffer
 
-__all__ = ["Plan"]
+__all__ = ["MAP_MARGIN", "MAX_SLOPE", "Plan"]
+
+MAX_SLOPE = 2.0**15
+"""Slopes beyond this count as this, in pixels: such samples are spread over far more than any image."""
+
+MAP_MARGIN = 12
+"""Bins of a coarse layer's map around the image."""
+
+_SEEN = 1 / 8  # of the samples per pixel: what makes a bin known
 
 
 @dataclass(frozen=True)
@@ -19,28 +27,81 @@ class Plan:
 
     Parameters
     ----------
-    height, width : int
-        Image size in pixels.
-    tile, ring : int
-        Side of a tile and width of the ring of pixels around it whose samples it uses (section 6.3).
-    partitions : Partitions
-        Depth partitions in slope.
-    rule : FilterRule
-        How a layer's slopes become a filter.
-    max_layers : int or None
-        Largest number of layers in a tile (section 7.1.5).
-    slots : ndarray of int32, (partitions.count,)
-        Place of each partition in the per-layer images, -1 for partitions that no sample falls into.
+    height, width, spp : int
+        Size of the image in pixels, samples per pixel.
+    tile : int
+        Side of a tile of the image in pixels.
+    map_tile : int
+        Side of a tile of a coarse layer's map in bins.
+    slabs : Slabs
+        The depth layers.
+    pixel_variance : float
+        Variance of the pixel filter along one axis, in pixels².
+    aperture_variance : float
+        Variance of the aperture along one axis, in lens units².
+    aperture : ApertureParts
+        The parts of the aperture.
     """
 
     height: int
     width: int
+    spp: int
     tile: int
-    ring: int
-    partitions: Partitions
-    rule: FilterRule
-    max_layers: int | None
-    slots: npt.NDArray[np.int32]
+    map_tile: int
+    slabs: Slabs
+    pixel_variance: float
+    aperture_variance: float
+    aperture: ApertureParts
+
+    @classmethod
+    def for_samples(
+        cls,
+        samples: SampleBuffer,
+        *,
+        sigma_pix: float,
+        layer_spacing: float,
+        aperture_parts: int,
+        tile: int,
+        map_tile: int = 128,
+    ) -> Plan:
+        """Lay out layers and parts for a buffer; the parameters are those of `LayeredOptions`."""
+        variance = aperture_variance(samples.lens)
+        aperture = ApertureParts.split(variance, aperture_parts)
+        ends = samples.lens.slope(np.array([samples.depth.min(), samples.depth.max()], np.float32))
+        c_min, c_max = np.clip(ends, -MAX_SLOPE, MAX_SLOPE)
+        slabs = Slabs.covering(
+            float(c_min),
+            float(c_max),
+            spacing=layer_spacing,
+            sigma_pix=sigma_pix,
+            sigma_u=variance**0.5,
+            part_sigma=aperture.sigma,
+        )
+        return cls(
+            samples.height,
+            samples.width,
+            samples.spp,
+            tile,
+            map_tile,
+            slabs,
+            sigma_pix**2,
+            variance,
+            aperture,
+        )
+
+    @property
+    def interpolation_variance(self) -> float:
+        """Variance that reading a map between its cells adds along one axis, in cells².
+
+        Linear interpolation at the fraction f adds ``f (1 - f)``, 1/6 on average; parts in the aperture's centre
+        read the cells themselves.
+        """
+        return (1 - self.aperture.central_weight) / 6
+
+    @property
+    def seen(self) -> float:
+        """Samples per square pixel from which on a bin counts as known."""
+        return _SEEN * self.spp
 
     @property
     def tile_columns(self) -> int:
@@ -52,7 +113,8 @@ class Plan:
         """Number of tiles."""
         return self.tile_columns * -(-self.height // self.tile)
 
-    def tile_rectangle(self, tile: int) -> tuple[int, int, int, int]:
-        """Row, column, height and width of a tile, cut off at the image's right and bottom edges."""
-        row, column = (self.tile * part for part in divmod(tile, self.tile_columns))
-        return row, column, min(self.tile, self.height - row), min(self.tile, self.width - column)
+    def map_tiles(self, level: int) -> tuple[int, int]:
+        """Rows and columns of tiles in the map of a coarse layer of bins of ``2**level`` pixels."""
+        bins = (-(-side // 2**level) + 2 * MAP_MARGIN for side in (self.height, self.width))
+        rows, columns = (-(-count // self.map_tile) for count in bins)
+        return rows, columns

@@ -1,13 +1,15 @@
-"""The layered method against images that are known."""
+"""The published layered method against images that are known, as near as its filters come to them."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
-from fewrays import Lens, reconstruct
+from fewrays import Lens
+from fewrays import reconstruct as reconstruct_with
 from fewrays.lens import Aperture, Sampling
 from fewrays.method import Image
 from fewrays.metrics import psnr_display
@@ -22,6 +24,8 @@ from fewrays.sources.analytic import (
     smooth_noise,
 )
 
+reconstruct = partial(reconstruct_with, method="layered-published")
+
 SIZE = 96
 BORDER = 24  # no samples lie outside the image, so its edge is no test of an unbounded plane
 
@@ -30,7 +34,7 @@ def lens_with(aperture: Aperture = "gaussian", sampling: Sampling = "square") ->
     return Lens(-500.0, 100.0, aperture, sampling)
 
 
-@pytest.mark.parametrize("method", ["layered", "layered-axis-aligned"])
+@pytest.mark.parametrize("method", ["layered-published", "layered-axis-aligned"])
 @pytest.mark.parametrize("device", ["cpu", "reference"])
 def test_constant_image_stays_constant(method: str, device: str) -> None:
     """Whatever the depths: every layer has the same radiance, and missing opacity is made up for."""
@@ -39,20 +43,21 @@ def test_constant_image_stays_constant(method: str, device: str) -> None:
     samples = sample([Plane(5.0, constant(0.75, 0.5, 2.0))], lens, 40, 50, 2)
     depth = 5.0 * np.exp(rng.normal(0.0, 1.0, samples.depth.shape))
     samples = replace(samples, depth=depth.astype(np.float32))
-    image = reconstruct(samples, method, device=device)
+    image = reconstruct_with(samples, method, device=device)
     np.testing.assert_allclose(image, np.broadcast_to([0.75, 0.5, 2.0], image.shape), rtol=1e-5)
 
 
 @pytest.mark.parametrize("slope", [-30.0, -12.5, -5.0, -2.0, -1.0, 0.0, 0.7, 1.4, 1.6, 3.0, 6.0, 15.0, 60.0])
-@pytest.mark.parametrize("sampling", ["square", "disc", "gaussian"])
-def test_textured_plane_matches_its_exact_blur(slope: float, sampling: Sampling) -> None:
+@pytest.mark.parametrize(("sampling", "psnr"), [("square", 45.0), ("disc", 45.0), ("gaussian", 43.3)])
+def test_textured_plane_is_close_to_its_exact_blur(slope: float, sampling: Sampling, psnr: float) -> None:
+    """The worst of these slopes is 1.6 px, or 15 px where importance samples are not weighted up."""
     lens = lens_with(sampling=sampling)
     depth = lens.depth(slope)
     texture = smooth_noise(6, seed=3)
     image = reconstruct(sample([Plane(depth, texture)], lens, SIZE, SIZE, 8))
     exact = exact_waves(texture, depth, lens, SIZE, SIZE)
     inner = slice(BORDER, -BORDER)
-    assert psnr_display(image[inner, inner], exact[inner, inner]) > 46.0
+    assert psnr_display(image[inner, inner], exact[inner, inner]) > psnr
 
 
 @pytest.mark.parametrize("slope", [-20.0, -4.0, 3.0, 25.0])
@@ -65,7 +70,7 @@ def test_disc_is_blurred_as_the_gaussian_of_equal_second_moment(slope: float) ->
     blurred = replace(texture, amplitude=texture.amplitude * attenuation[:, None])
     centers = np.moveaxis(np.indices((SIZE, SIZE), np.float64)[::-1], 0, -1) + 0.5
     inner = slice(BORDER, -BORDER)
-    assert psnr_display(reconstruct(samples)[inner, inner], blurred(centers)[inner, inner]) > 46.0
+    assert psnr_display(reconstruct(samples)[inner, inner], blurred(centers)[inner, inner]) > 42.2
 
 
 class TestPinhole:
@@ -76,7 +81,7 @@ class TestPinhole:
         image = reconstruct(sample([Plane(2.0, self.texture)], self.lens, SIZE, SIZE, 16))
         exact = exact_waves(self.texture, 2.0, self.lens, SIZE, SIZE)
         inner = slice(BORDER, -BORDER)
-        assert psnr_display(image[inner, inner], exact[inner, inner]) > 44.0
+        assert psnr_display(image[inner, inner], exact[inner, inner]) > 54.9
 
     def test_does_not_depend_on_lens_positions(self) -> None:
         samples = sample([Plane(2.0, self.texture)], self.lens, 40, 40, 4)
@@ -84,17 +89,14 @@ class TestPinhole:
         np.testing.assert_array_equal(reconstruct(samples), reconstruct(elsewhere))
 
     def test_is_the_gaussian_mean_of_the_samples_at_hand(self) -> None:
-        """Every sample at its distance, up to bins of a fifth of a pixel: nothing else is done to them."""
+        """Every sample as if at its pixel's centre, as bins are a pixel wide."""
         samples = sample([Plane(2.0, self.texture)], self.lens, 40, 40, 4)
         centers = np.arange(40) + 0.5
-        distance = centers[:, None, None] - samples.xy.reshape(-1, 2)
+        distance = centers[:, None, None] - (np.floor(samples.xy.astype(np.float64)) + 0.5).reshape(-1, 2)
         weights_x, weights_y = np.moveaxis(np.exp(-(distance**2) / (2 * 0.5**2)), 2, 0)
         color = samples.color.reshape(-1, 3).astype(np.float64)
         sums = np.einsum("is,js,sc->ijc", weights_y, weights_x, np.column_stack([color, np.ones(len(color))]))
-        expected = sums[..., :3] / sums[..., 3:]
-        error = np.abs(reconstruct(samples) - expected)
-        assert error.max() < 0.01
-        assert np.sqrt(np.mean(error**2)) < 0.0025
+        np.testing.assert_allclose(reconstruct(samples), sums[..., :3] / sums[..., 3:], atol=2e-6)
 
 
 class TestTwoDiscs:
@@ -114,37 +116,31 @@ class TestTwoDiscs:
         samples = sample([front, back, black], lens, SIZE, SIZE, 16)
         alone = [reference([plane, black], lens, SIZE, SIZE, spp=512) for plane in (front, back)]
         return {
-            "layered": reconstruct(samples),
-            "published": reconstruct(samples, occluded_sigma_x=8.0),
+            "published": reconstruct(samples),
             "truth": reference([front, back, black], lens, SIZE, SIZE, spp=512),
             # Eq. 37, from each disc's own exact image.
             "predicted": alone[0] + (1 - alone[0][..., :1]) * alone[1],
         }
 
     def test_front_disc_is_right(self, images: dict[str, Image]) -> None:
-        assert np.abs(images["layered"] - images["truth"])[..., 0].max() < 0.03
+        assert np.abs(images["published"] - images["truth"])[..., 0].max() < 0.055
 
     def test_occlusion_is_over_estimated_at_the_edge(self, images: dict[str, Image]) -> None:
         """Where the discs are seen from exclusive parts of the lens, the one behind loses light."""
         ring = np.zeros((SIZE, SIZE), bool)
         radius = np.hypot(*(np.indices((SIZE, SIZE)) + 0.5 - 48))
         ring[(radius > 12) & (radius < 20)] = True
-        loss = (images["truth"] - images["layered"])[..., 1][ring]
+        loss = (images["truth"] - images["published"])[..., 1][ring]
         assert loss.min() > -0.02
-        assert loss.max() > 0.04
+        assert loss.max() > 0.1
 
     def test_back_disc_is_as_predicted(self, images: dict[str, Image]) -> None:
-        assert np.abs(images["published"] - images["predicted"])[..., 1].max() < 0.04
+        assert np.abs(images["published"] - images["predicted"])[..., 1].max() < 0.045
 
-    @pytest.mark.parametrize("name", ["published", "layered"])
-    def test_nothing_worse(self, images: dict[str, Image], name: str) -> None:
+    def test_nothing_worse(self, images: dict[str, Image]) -> None:
         """The error is that of averaging the opacity, Eq. 34, and noise of a few percent."""
         predicted_error = np.abs(images["predicted"] - images["truth"])
-        assert (np.abs(images[name] - images["truth"]) < predicted_error + 0.04).all()
-
-    def test_narrow_filters_for_covered_layers_lessen_the_error(self, images: dict[str, Image]) -> None:
-        error = {name: np.square(images[name] - images["truth"]).mean() for name in ("published", "layered")}
-        assert error["layered"] < 0.7 * error["published"]
+        assert (np.abs(images["published"] - images["truth"]) < predicted_error + 0.055).all()
 
 
 class TestRefocusing:
@@ -154,16 +150,15 @@ class TestRefocusing:
     planes = (Plane(2.0, smooth_noise(4, seed=1), disc((48, 48), 20)), Plane(6.0, smooth_noise(4, seed=2)))
 
     @pytest.mark.parametrize(
-        ("focus_distance", "aperture_scale"), [(2.0, 1.0), (6.0, 1.0), (None, 0.5), (3.0, 0.5), (None, 0.0)]
+        ("focus_distance", "aperture_scale", "psnr"),
+        [(2.0, 1.0, 46.0), (6.0, 1.0, 44.4), (None, 0.5, 40.0), (3.0, 0.5, 40.4), (None, 0.0, 33.0)],
     )
-    def test_equals_the_image_of_the_other_lens(
-        self, focus_distance: float | None, aperture_scale: float
+    def test_is_close_to_the_image_of_the_other_lens(
+        self, focus_distance: float | None, aperture_scale: float, psnr: float
     ) -> None:
+        """Without refocusing they would differ by 24 to 35 dB."""
         samples = sample(self.planes, self.lens, SIZE, SIZE, 8)
         refocused = samples.refocus(focus_distance, aperture_scale)
         truth = reference(self.planes, refocused.lens, SIZE, SIZE, spp=256)
-        unchanged = psnr_display(reconstruct(samples), truth)
         inner = slice(12, -12)
-        assert psnr_display(reconstruct(refocused)[inner, inner], truth[inner, inner]) > max(
-            30.0, unchanged + 5
-        )
+        assert psnr_display(reconstruct(refocused)[inner, inner], truth[inner, inner]) > psnr

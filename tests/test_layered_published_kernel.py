@@ -1,8 +1,9 @@
-"""The native kernel against the reference, and what must not change its result."""
+"""The published method's native kernel against its reference, and what must not change its result."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,14 +13,18 @@ from hypothesis import strategies as st
 
 from agreement import assert_agree
 from buffers import random_buffer
-from fewrays import Lens, SampleBuffer, SampleError, reconstruct
+from fewrays import Lens, SampleBuffer, SampleError
+from fewrays import reconstruct as reconstruct_with
 from fewrays.lens import Aperture, Sampling
 from fewrays.samples import OFF_IMAGE
 
 LENS = Lens(-40.0, 8.0, aperture="gaussian", sampling="square")
+METHODS = ["layered-published", "layered-axis-aligned"]
+
+reconstruct = partial(reconstruct_with, method="layered-published")
 
 
-@pytest.mark.parametrize("method", ["layered", "layered-axis-aligned"])
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(
     "options",
     [
@@ -33,8 +38,8 @@ LENS = Lens(-40.0, 8.0, aperture="gaussian", sampling="square")
 )
 def test_kernel_equals_reference(method: str, options: dict[str, Any]) -> None:
     samples = random_buffer(45, 70, 4, LENS, off_image=0.05)
-    expected, expected_aovs = reconstruct(samples, method, device="reference", aovs=True, **options)
-    actual, actual_aovs = reconstruct(samples, method, device="cpu", aovs=True, **options)
+    expected, expected_aovs = reconstruct_with(samples, method, device="reference", aovs=True, **options)
+    actual, actual_aovs = reconstruct_with(samples, method, device="cpu", aovs=True, **options)
     assert_agree(actual, expected, tolerance=1e-4, flips=0.002, jump=0.2)
     for name, aov in expected_aovs.items():
         assert_agree(actual_aovs[name], aov, tolerance=1e-4, flips=0.002, jump=0.2)
@@ -49,7 +54,7 @@ def test_kernel_equals_reference(method: str, options: dict[str, Any]) -> None:
     sampling=st.sampled_from(["disc", "square", "gaussian"]),
     blur=st.sampled_from([0.0, 0.3, 2.0, 20.0, 300.0]),
     sigma=st.floats(0.2, 0.5),
-    screen_filter=st.sampled_from(["matched", "paper"]),
+    method=st.sampled_from(METHODS),
     off_image=st.sampled_from([0.0, 0.3]),
     seed=st.integers(0, 1000),
 )
@@ -61,14 +66,14 @@ def test_kernel_equals_reference_on_any_buffer(
     sampling: Sampling,
     blur: float,
     sigma: float,
-    screen_filter: str,
+    method: str,
     off_image: float,
     seed: int,
 ) -> None:
     lens = Lens(-5 * blur, blur, aperture, sampling, sigma)
     samples = random_buffer(height, width, spp, lens, seed=seed, off_image=off_image)
-    expected = reconstruct(samples, device="reference", screen_filter=screen_filter)
-    actual = reconstruct(samples, device="cpu", screen_filter=screen_filter)
+    expected = reconstruct_with(samples, method, device="reference")
+    actual = reconstruct_with(samples, method, device="cpu")
     # A sample whose scattered position rounds to the other side of a pixel's edge moves by a pixel; one such
     # sample may be seen by every pixel of a tiny image, so the share is bounded on large buffers above.
     assert_agree(actual, expected, tolerance=1e-4, flips=0.01 if height * width > 600 else 1.0, jump=0.5)
@@ -166,7 +171,8 @@ def test_image_without_samples_is_black() -> None:
         ({"max_sigma_x": 9.0}, "max_sigma_x"),
         ({"max_layers": 0}, "max_layers"),
         ({"partitions": 0}, "partitions"),
-        ({"screen_filter": "wide"}, "screen_filter"),
+        ({"k": 2.0}, "k"),
+        ({"method": "layered-axis-aligned", "k": 0.0}, "k"),
         ({"no_such": 1}, "no_such"),
         ({"device": "abacus"}, "device"),
         ({"threads": 0}, "threads"),

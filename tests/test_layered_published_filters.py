@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 import itertools
-from typing import Literal
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fewrays import Lens, _native
-from fewrays.layered.filters import FilterRule, LayerFilter, lens_moment, screen_taps
-from fewrays.layered.kernel import native_rule
-from fewrays.layered.partitions import Layer, Partitions, active_layers, occlusion
+from fewrays.layered_published.filters import FilterFamily, FilterRule, LayerFilter, layer_taps
+from fewrays.layered_published.kernel import native_rule
+from fewrays.layered_published.partitions import Partitions, active_layers
 from fewrays.lens import Sampling
 
 SAMPLINGS: tuple[Sampling, ...] = ("disc", "square", "gaussian")
-FAMILIES: tuple[Literal["paper", "matched", "axis-aligned"], ...] = ("paper", "matched", "axis-aligned")
+FAMILIES: tuple[FilterFamily, ...] = ("sheared", "axis-aligned")
 
 slopes = st.floats(-200, 200, width=32)
 
 
 def rule(
-    family: Literal["paper", "matched", "axis-aligned"] = "paper",
+    family: FilterFamily = "sheared",
     sampling: Sampling = "square",
     max_sigma_x: float = 8.0,
 ) -> FilterRule:
@@ -75,32 +74,21 @@ class TestSheared:
 
     @given(st.floats(0.0, 1.5), st.floats(1.5, 60.0))
     def test_range_that_ends_at_the_focal_plane_has_no_pole(self, near_zero: float, c_max: float) -> None:
-        filter_ = rule("matched").filter(near_zero * 1e-30, c_max)
+        filter_ = rule().filter(near_zero * 1e-30, c_max)
         assert filter_.eta == pytest.approx(0.0, abs=1e-6)
         assert np.isfinite([filter_.variance, filter_.falloff]).all()
 
-
-class TestMatched:
-    @given(slopes, slopes, st.sampled_from(SAMPLINGS))
-    def test_point_gets_the_variance_of_pixel_and_aperture(
-        self, a: float, b: float, sampling: Sampling
-    ) -> None:
-        """The image of a point at the layer's central slope, to the second moment."""
-        c_min, c_max = min(a, b), max(a, b)
-        filter_ = rule("matched", sampling).filter(c_min, c_max)
-        small = max(-c_min, c_max) < 1.5
-        if small:
-            center = (c_min + c_max) / 2
-        else:
-            center = 0.0 if c_min * c_max <= 0 else 2 * c_min * c_max / (c_min + c_max)
-        precision = 2 * filter_.falloff + (9.0 if sampling == "gaussian" else 0.0)
-        residual = (center - filter_.eta) ** 2 * lens_moment(precision, sampling)
-        expected = 0.25 + center**2 * lens_moment(9.0, "square")
-        assert filter_.variance + residual == pytest.approx(expected)
-
     @given(slopes, slopes)
     def test_importance_samples_are_never_weighted_up(self, a: float, b: float) -> None:
-        assert rule("matched", "gaussian").filter(min(a, b), max(a, b)).falloff >= 0
+        assert rule(sampling="gaussian").filter(min(a, b), max(a, b)).falloff >= 0
+
+    def test_disc_has_the_filter_of_the_gaussian_of_equal_second_moment(self) -> None:
+        """A disc's second moment along one axis is a quarter."""
+        disc = FilterRule.for_lens(Lens(-1.0, 1.0, "disc", "disc"), "sheared", sigma_pix=0.5, max_sigma_x=8.0)
+        gaussian = FilterRule.for_lens(
+            Lens(-1.0, 1.0, "gaussian", "disc", sigma=0.5), "sheared", sigma_pix=0.5, max_sigma_x=8.0
+        )
+        assert disc.filter(4.0, 6.0) == gaussian.filter(4.0, 6.0)
 
 
 def test_axis_aligned_width_follows_the_nearest_slope() -> None:
@@ -111,87 +99,31 @@ def test_axis_aligned_width_follows_the_nearest_slope() -> None:
     assert axis_aligned.filter(12.0, 20.0).eta == 0.0
 
 
-@pytest.mark.parametrize("precision", [0.0, 1e-6, 1e-3, 0.0199, 0.0201, 0.049, 0.051, 1.0, 9.0, 400.0])
-@pytest.mark.parametrize("sampling", SAMPLINGS)
-def test_lens_moment_is_the_integral(precision: float, sampling: Sampling) -> None:
-    if sampling == "disc":
-        r = (np.arange(200_000) + 0.5) / 200_000
-        density = r * np.exp(-0.5 * precision * r**2)
-        expected = 0.5 * (density * r**2).sum() / density.sum()
-    else:
-        u = (np.arange(200_000) + 0.5) / 100_000 - 1
-        density = np.exp(-0.5 * precision * u**2)
-        expected = (density * u**2).sum() / density.sum()
-    assert lens_moment(precision, sampling) == pytest.approx(expected, rel=1e-7)
-
-
-@given(st.floats(0.0625, 64.0), st.sampled_from([16, 32]))
-def test_kernel_and_bins_have_the_variance_asked_for(variance: float, ring: int) -> None:
-    kernel = rule("matched").kernel(variance, ring)
-    distance = np.arange(-kernel.radius, kernel.radius + 1) / kernel.bins_per_pixel
-    taps = np.concatenate([kernel.taps[:0:-1], kernel.taps])
-    bins = 1 / kernel.bins_per_pixel**2 / 12
-    assert taps @ distance**2 + bins == pytest.approx(variance, rel=1e-6)
-    assert kernel.radius <= ring * kernel.bins_per_pixel
-
-
-@pytest.mark.parametrize(("sigma", "bins_per_pixel"), [(0.5, 5), (0.6, 3), (1.5, 3), (1.7, 1), (8.0, 1)])
-def test_bins_are_finer_than_the_filter(sigma: float, bins_per_pixel: int) -> None:
-    assert rule("matched").kernel(sigma**2, 16).bins_per_pixel == bins_per_pixel
-    assert rule("paper").kernel(sigma**2, 16).bins_per_pixel == 1
-
-
-@given(st.floats(0.01, 80.0), st.integers(4, 40))
-def test_exact_taps_have_the_variance_asked_for(variance: float, ring: int) -> None:
-    assume(variance < ring * (ring + 1) / 3 * 0.999)
-    taps = screen_taps(variance, ring, exact=True)
-    kernel = np.concatenate([taps[:0:-1], taps])
-    assert kernel.sum() == pytest.approx(1.0)
-    assert kernel @ np.arange(-ring, ring + 1) ** 2 == pytest.approx(variance, rel=1e-6)
-
-
-def test_taps_of_a_width_that_does_not_fit_are_a_box() -> None:
-    np.testing.assert_allclose(screen_taps(1000.0, 4, exact=True), np.full(5, 1 / 9))
-
-
-def test_taps_of_no_width_are_a_point() -> None:
-    np.testing.assert_array_equal(screen_taps(0.0, 3, exact=True), [1, 0, 0, 0])
+@given(st.floats(0.25, 64.0), st.integers(1, 32))
+def test_taps_are_the_sampled_gaussian(variance: float, ring: int) -> None:
+    """Reaching over the whole ring and summing to one."""
+    taps = layer_taps(variance, ring)
+    assert len(taps) == ring + 1
+    assert taps[0] + 2 * taps[1:].sum() == pytest.approx(1.0)
+    expected = np.exp(-(np.arange(ring + 1) ** 2) / (2 * variance))
+    np.testing.assert_allclose(taps / taps[0], expected, rtol=1e-12, atol=1e-300)
 
 
 class TestNativeTwin:
-    @given(
-        slopes,
-        slopes,
-        st.sampled_from(FAMILIES),
-        st.sampled_from(SAMPLINGS),
-        st.floats(0.5, 32.0),
-        st.floats(0, 1),
-    )
+    @given(slopes, slopes, st.sampled_from(FAMILIES), st.sampled_from(SAMPLINGS), st.floats(0.5, 32.0))
     def test_filters(
-        self,
-        a: float,
-        b: float,
-        family: Literal["paper", "matched", "axis-aligned"],
-        sampling: Sampling,
-        max_sigma_x: float,
-        occlusion: float,
+        self, a: float, b: float, family: FilterFamily, sampling: Sampling, max_sigma_x: float
     ) -> None:
         python = rule(family, sampling, max_sigma_x)
-        expected = python.filter(min(a, b), max(a, b), occlusion)
-        actual = _native.layer_filter(min(a, b), max(a, b), occlusion, native_rule(python))
+        expected = python.filter(min(a, b), max(a, b))
+        actual = _native.layer_filter(min(a, b), max(a, b), native_rule(python))
         np.testing.assert_allclose(
             actual, [expected.eta, expected.variance, expected.falloff], rtol=1e-9, atol=1e-12
         )
 
-    @given(st.floats(0.06, 100.0), st.integers(1, 40), st.sampled_from(FAMILIES))
-    def test_taps(
-        self, variance: float, ring: int, family: Literal["paper", "matched", "axis-aligned"]
-    ) -> None:
-        expected = rule(family).kernel(variance, ring)
-        native = _native.FilterFamily(FAMILIES.index(family))
-        bins_per_pixel, taps = _native.layer_taps(variance, ring, native)
-        assert bins_per_pixel == expected.bins_per_pixel
-        np.testing.assert_allclose(taps, expected.taps, atol=1e-6)
+    @given(st.floats(0.06, 100.0), st.integers(1, 40))
+    def test_taps(self, variance: float, ring: int) -> None:
+        np.testing.assert_allclose(_native.layer_taps(variance, ring), layer_taps(variance, ring), atol=1e-7)
 
 
 class TestPartitions:
@@ -248,31 +180,3 @@ class TestActiveLayers:
         layers = active_layers(self.partition, self.slope, limit)
         assert len(layers) == min(limit, 4)
         assert (layers[0].c_min, layers[-1].c_max) == (-6.0, 13.0)
-
-    def test_counts_samples(self) -> None:
-        assert [layer.count for layer in active_layers(self.partition, self.slope, None)] == [2, 1, 2, 1]
-        assert [layer.count for layer in active_layers(self.partition, self.slope, 1)] == [6]
-
-
-class TestOcclusion:
-    @staticmethod
-    def layers(*slopes: float) -> list[Layer]:
-        return [Layer(i, i, c, c, 10) for i, c in enumerate(slopes)]
-
-    def test_nothing_covers_the_front(self) -> None:
-        assert occlusion(self.layers(-20.0, 5.0), 0) == 0
-
-    def test_a_cover_of_another_slope_counts_in_full(self) -> None:
-        assert occlusion(self.layers(-20.0, 5.0), 1) == pytest.approx(0.5)
-
-    def test_a_cover_of_the_same_slope_does_not_count(self) -> None:
-        assert occlusion(self.layers(20.0, 20.0), 1) == 0
-        assert occlusion(self.layers(16.0, 20.0), 1) == pytest.approx(0.5 * 0.5 * 4 / 20)
-
-    @given(st.floats(0, 1))
-    def test_limit_falls_from_open_to_covered(self, share: float) -> None:
-        lens = Lens(-1.0, 1.0, aperture="gaussian", sampling="square")
-        limited = FilterRule.for_lens(lens, "matched", sigma_pix=0.5, max_sigma_x=8.0, occluded_sigma_x=2.0)
-        assert 2.0 <= limited.sigma_x_limit(share) <= 8.0
-        assert limited.sigma_x_limit(0.0) == 8.0
-        assert limited.sigma_x_limit(0.5) == 2.0

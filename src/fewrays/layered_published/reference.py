@@ -1,8 +1,9 @@
-"""The layered method in plain NumPy, float64: the definition that the native kernels are tested against.
+"""The published layered method in plain NumPy, float64: the definition of what the native kernel computes.
 
 Follows Algorithms 1 and 2 of the paper: for every tile, find the active layers (section 6.2); for every
 layer, front to back, pre-integrate the samples along the layer's shear, blur on the screen, normalise, and
-composite by average opacity (Eq. 35).
+composite by average opacity (Eq. 35). The paper stops there; here the result is also divided by the
+accumulated opacity, because what is left transparent is missing data, not a dark background.
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from fewrays.layered.filters import LayerFilter, ScreenKernel
-from fewrays.layered.partitions import Layer, active_layers, occlusion
-from fewrays.layered.plan import Plan
+from fewrays.layered_published.filters import LayerFilter, layer_taps
+from fewrays.layered_published.partitions import Layer, active_layers
+from fewrays.layered_published.plan import Plan
 from fewrays.samples import SampleBuffer
 
 __all__ = ["reconstruct_tile"]
@@ -67,8 +68,8 @@ def reconstruct_tile(
 
     radiance = np.zeros((plan.tile, plan.tile, 3))
     transmittance = np.ones((plan.tile, plan.tile))
-    for index, layer in enumerate(layers):
-        layer_filter = plan.rule.filter(layer.c_min, layer.c_max, occlusion(layers, index))
+    for layer in layers:
+        layer_filter = plan.rule.filter(layer.c_min, layer.c_max)
         layer_radiance, layer_opacity = filter_layer(inside, partition, layer, layer_filter, plan)
         radiance += transmittance[..., None] * layer_radiance
         transmittance *= 1 - layer_opacity
@@ -77,7 +78,6 @@ def reconstruct_tile(
             target[..., :3] = layer_radiance[:height, :width]
             target[..., 3] = layer_opacity[:height, :width]
 
-    # What is left transparent is missing data, not a dark background.
     opacity = 1 - transmittance
     radiance /= np.where(opacity > MIN_OPACITY, opacity, 1.0)[..., None]
     return radiance[:height, :width], len(layers)
@@ -101,29 +101,27 @@ def filter_layer(
         Premultiplied by opacity.
     opacity : ndarray, (tile, tile)
     """
-    kernel = plan.rule.kernel(layer_filter.variance, plan.ring)
-    size = (plan.tile + 2 * plan.ring) * kernel.bins_per_pixel
+    size = plan.tile + 2 * plan.ring
     reached = partition >= layer.first
     hit = (partition <= layer.last)[reached]
 
     uv = samples.uv[reached]
     weight = np.exp(-layer_filter.falloff * np.square(uv).sum(axis=-1))
-    q = samples.xy[reached] - layer_filter.eta * uv
-    q = np.floor(q * kernel.bins_per_pixel).astype(np.int64)
+    q = np.floor(samples.xy[reached] - layer_filter.eta * uv).astype(np.int64)
     inside = ((q >= 0) & (q < size)).all(axis=-1)
     bins = (q[:, 1] * size + q[:, 0])[inside]
 
-    def accumulate(values: Float64) -> Float64:
+    blur = _blur_matrix(layer_filter.variance, plan.tile, plan.ring)
+
+    def scatter_and_blur(values: Float64) -> Float64:
         sums = np.bincount(bins, values[inside], minlength=size * size)
-        return sums.astype(np.float64).reshape(size, size)
+        return blur @ sums.astype(np.float64).reshape(size, size) @ blur.T
 
-    blur = _blur_matrix(kernel, plan.tile, plan.ring)
-
-    hits = blur @ accumulate(weight * hit) @ blur.T
-    total = blur @ accumulate(weight) @ blur.T
+    hits = scatter_and_blur(weight * hit)
+    total = scatter_and_blur(weight)
     reciprocal = np.where(total > MIN_WEIGHT, 1 / np.maximum(total, MIN_WEIGHT), 0.0)
     color = samples.color[reached]
-    radiance = [blur @ accumulate(weight * hit * color[:, i]) @ blur.T * reciprocal for i in range(3)]
+    radiance = [scatter_and_blur(weight * hit * color[:, i]) * reciprocal for i in range(3)]
     return np.stack(radiance, axis=-1), hits * reciprocal
 
 
@@ -139,8 +137,7 @@ def _gather(samples: SampleBuffer, row: int, column: int, size: int) -> _TileSam
     )
 
 
-def _blur_matrix(kernel: ScreenKernel, tile: int, ring: int) -> Float64:
-    """Matrix (pixels of the tile, bins of the outer tile): blurs one axis and keeps the pixels' centres."""
-    center = (np.arange(tile)[:, None] + ring + 0.5) * kernel.bins_per_pixel - 0.5
-    distance = np.abs(np.arange((tile + 2 * ring) * kernel.bins_per_pixel)[None, :] - center).astype(np.int64)
-    return np.where(distance <= kernel.radius, kernel.taps[np.minimum(distance, kernel.radius)], 0.0)
+def _blur_matrix(variance: float, tile: int, ring: int) -> Float64:
+    """Matrix (pixels of the tile, pixels of the outer tile): blurs one axis, as far as the ring reaches."""
+    distance = np.abs(np.arange(tile + 2 * ring) - (np.arange(tile)[:, None] + ring))
+    return np.where(distance <= ring, layer_taps(variance, ring)[np.minimum(distance, ring)], 0.0)

@@ -1,0 +1,44 @@
+"""Who is compared on every page: what the pages call each image, and how it is made from samples."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import fewrays
+from fewrays.baselines.accumulation import FilterShape
+from fewrays.method import Image
+from peers import DENOISER, denoise
+
+__all__ = ["OURS", "PLAIN", "PUBLISHED", "RIVALS", "make_image", "pixel_filter_of", "tile_side"]
+
+OURS, PUBLISHED, PLAIN = "layered", "layered-published", "box"
+RIVALS = (PLAIN, DENOISER, PUBLISHED, OURS)
+"""What tables with room for a few images show, from the starting point to the result."""
+
+
+def make_image(algorithm: str, samples: fewrays.SampleBuffer) -> Image:
+    """Return the image ``(H, W, 3)`` that a method, or the denoiser, makes of samples by default."""
+    if algorithm == DENOISER:
+        return denoise(fewrays.reconstruct(samples, PLAIN))
+    return fewrays.reconstruct(samples, algorithm)
+
+
+def pixel_filter_of(algorithm: str) -> FilterShape:
+    """Return the pixel filter that an algorithm's images have: methods with a width for it, the Gaussian."""
+    method = fewrays.METHODS.get(algorithm)
+    return "gaussian" if hasattr(getattr(method, "options", None), "sigma_pix") else "box"
+
+
+def tile_side(algorithm: str) -> int:
+    """Return the side in pixels of the tiles that a method works in by default.
+
+    Raises
+    ------
+    ValueError
+        For an algorithm without such an option.
+    """
+    method = fewrays.METHODS.get(algorithm)
+    for field in dataclasses.fields(method.options) if method else ():
+        if field.name == "tile":
+            return int(field.default)
+    raise ValueError(f"{algorithm} has no tiles")

@@ -1,0 +1,59 @@
+// Which depth layer a slope belongs to.
+#pragma once
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <vector>
+
+namespace fewrays {
+
+// Answers `number of boundaries <= c` with one table look-up and one comparison. Boundaries are spaced so that
+// |c| + offset, quantised to a few bits of its mantissa, leaves at most one of them in a cell of the table.
+class LayerLookup {
+public:
+    LayerLookup(const float* boundaries, int count) : boundaries_(boundaries, boundaries + count) {
+        boundaries_.push_back(INFINITY);
+        offset_ = count > 1 ? 0.5f * smallest_step() : 1.0f;
+        first_cell_ = cell(0.0f);
+        const float largest = count > 0 ? std::max(std::fabs(boundaries_[0]), std::fabs(boundaries_[count - 1])) : 0.0f;
+        cells_ = cell(largest) - first_cell_ + 2;
+        for (const bool negative : {true, false})
+            for (int i = 0; i < cells_; ++i) {
+                // The least slope that a cell can hold, with room for the rounding of |c| + offset.
+                const float edge = std::bit_cast<float>((first_cell_ + i + negative) << shift) - offset_;
+                const float least = negative ? -edge * 1.00001f - 1e-5f * offset_ : edge * 0.99999f - 1e-5f * offset_;
+                table_.push_back(static_cast<std::int32_t>(
+                    std::upper_bound(boundaries_.begin(), boundaries_.end() - 1, i + 1 == cells_ && negative ? -INFINITY : least) -
+                    boundaries_.begin()));
+            }
+    }
+
+    int operator()(float c) const {
+        const std::int32_t i = std::min(cell(std::fabs(c)) - first_cell_, cells_ - 1);
+        const std::int32_t candidate = table_[i + (c < 0 ? 0 : cells_)];
+        return candidate + (c >= boundaries_[candidate]);
+    }
+
+private:
+    static constexpr int shift = 17;  // leaves six bits of the mantissa
+
+    std::int32_t cell(float magnitude) const {
+        return static_cast<std::int32_t>(std::bit_cast<std::uint32_t>(magnitude + offset_) >> shift);
+    }
+
+    float smallest_step() const {
+        float step = INFINITY;
+        for (std::size_t i = 1; i + 1 < boundaries_.size(); ++i)
+            step = std::min(step, boundaries_[i] - boundaries_[i - 1]);
+        return step;
+    }
+
+    std::vector<float> boundaries_;
+    std::vector<std::int32_t> table_;
+    float offset_;
+    std::int32_t first_cell_, cells_;
+};
+
+}  // namespace fewrays

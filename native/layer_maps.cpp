@@ -1,0 +1,366 @@
+#include "layer_maps.h"
+
+#include <cmath>
+#include <cstring>
+#include <utility>
+
+#include "math/blur_taps.h"
+#include "math/slope.h"
+#include "separable_blur.h"
+#include "simd.h"
+
+namespace fewrays {
+namespace {
+
+constexpr int batch_size = 512;   // samples that are sorted by layer at a time
+constexpr int hit_channels = 4;   // red, green, blue, count
+constexpr int near_bins = 3;      // per pixel
+constexpr double bin_variance = 1.0 / 12.0;  // of the bin that a sample is rounded to, in bins²
+constexpr float min_weight = 1e-12f;
+constexpr float tail = 4.0f;  // pixels around a layer's reach in which its samples still count
+
+// Bins of `n` samples that are moved to where the lens centre sees them; strays get the bin after the last.
+struct BinGrid {
+    float left, top, per_pixel;
+    int bins_per_cell, columns, rows, segment, stride, size;
+};
+
+FEWRAYS_INLINE std::int32_t bin_of(float x, float y, const BinGrid& grid) {
+    const auto phases = static_cast<float>(grid.bins_per_cell);
+    const float qx = (x - grid.left) * grid.per_pixel, qy = (y - grid.top) * grid.per_pixel;
+    const auto last_x = static_cast<float>(grid.columns) - 0.001f, last_y = static_cast<float>(grid.rows) - 0.001f;
+    float in_x = qx > 0.0f ? qx : 0.0f, in_y = qy > 0.0f ? qy : 0.0f;
+    in_x = in_x < last_x ? in_x : last_x;
+    in_y = in_y < last_y ? in_y : last_y;
+    const auto column = static_cast<std::int32_t>(in_x), row = static_cast<std::int32_t>(in_y);
+    const auto phase = static_cast<std::int32_t>((in_x - static_cast<float>(column)) * phases);
+    const auto sub_row = static_cast<std::int32_t>((in_y - static_cast<float>(row)) * phases);
+    const std::int32_t bin = (row * grid.bins_per_cell + sub_row) * grid.stride + phase * grid.segment + column;
+    // A choice by arithmetic: written with ?: the compiler would branch around all of the above.
+    const std::int32_t inside = -(static_cast<std::int32_t>(in_x == qx) & static_cast<std::int32_t>(in_y == qy));
+    return (bin & inside) | (grid.size & ~inside);
+}
+
+FEWRAYS_CLONES void hit_bins(const float* FEWRAYS_RESTRICT x, const float* FEWRAYS_RESTRICT y,
+                             const float* FEWRAYS_RESTRICT u, const float* FEWRAYS_RESTRICT v,
+                             const float* FEWRAYS_RESTRICT c, int n, const BinGrid& grid,
+                             std::int32_t* FEWRAYS_RESTRICT bins) {
+    const BinGrid local = grid;
+    for (int i = 0; i < n; ++i) bins[i] = bin_of(x[i] - c[i] * u[i], y[i] - c[i] * v[i], local);
+}
+
+FEWRAYS_CLONES void hole_bins(const float* FEWRAYS_RESTRICT x, const float* FEWRAYS_RESTRICT y,
+                              const float* FEWRAYS_RESTRICT u, const float* FEWRAYS_RESTRICT v, float c, int n,
+                              const BinGrid& grid, std::int32_t* FEWRAYS_RESTRICT bins) {
+    const BinGrid local = grid;
+    for (int i = 0; i < n; ++i) bins[i] = bin_of(x[i] - c * u[i], y[i] - c * v[i], local);
+}
+
+// Weighs every bin by how well it is known instead of by the samples in it, so that clusters of samples count no
+// more than their place: hits become shares of the bin, holes its weight.
+FEWRAYS_CLONES void weigh_by_place(float* FEWRAYS_RESTRICT hits, float* FEWRAYS_RESTRICT holes, int size, float seen) {
+    for (int i = 0; i < size; ++i) {
+        const float count = hits[hit_channels * i + 3] + holes[i];
+        const float weight = std::min(count / seen, 1.0f);
+        const float scale = weight / std::max(count, 1.0f);
+        for (int channel = 0; channel < hit_channels; ++channel) hits[hit_channels * i + channel] *= scale;
+        holes[i] = weight;
+    }
+}
+
+// The samples of a near layer's bins: hits and holes.
+FEWRAYS_CLONES void count_all(const float* FEWRAYS_RESTRICT hits, float* FEWRAYS_RESTRICT holes, int size) {
+    for (int i = 0; i < size; ++i) holes[i] += hits[hit_channels * i + 3];
+}
+
+// Opacity, red, green and blue, each on its own.
+FEWRAYS_CLONES void separate(const float* FEWRAYS_RESTRICT hits, float* FEWRAYS_RESTRICT planes, std::ptrdiff_t plane,
+                             int n) {
+    for (int i = 0; i < n; ++i) {
+        planes[i] = hits[hit_channels * i + 3];
+        planes[plane + i] = hits[hit_channels * i];
+        planes[2 * plane + i] = hits[hit_channels * i + 1];
+        planes[3 * plane + i] = hits[hit_channels * i + 2];
+    }
+}
+
+// Divides opacity and radiance by the weight that was blurred along with them, and scales that to what it would be
+// were every bin known.
+FEWRAYS_CLONES void normalise(float* FEWRAYS_RESTRICT weight, float* FEWRAYS_RESTRICT rest, std::ptrdiff_t plane,
+                              float scale) {
+    for (std::ptrdiff_t i = 0; i < plane; ++i) {
+        const float reciprocal = weight[i] > min_weight ? 1.0f / std::max(weight[i], min_weight) : 0.0f;
+        for (int channel = 0; channel < channel_count - 1; ++channel) rest[channel * plane + i] *= reciprocal;
+        weight[i] = std::min(weight[i] * scale, 1.0f);
+    }
+}
+
+int round_up(int n) { return (n + columns_at_once - 1) / columns_at_once * columns_at_once; }
+
+}  // namespace
+
+bool LayerTarget::want(float grid_left, float grid_top, int grid_rows, int grid_columns, float origin_x,
+                       float origin_y) {
+    const float around = static_cast<float>(taps_radius(blur_variance)) * cell / (near ? near_bins : 1.0f) + 2 * cell;
+    const auto cells = [&](float from, float to, float start, int count) {
+        const float last = static_cast<float>(count);
+        const float first_cell = std::floor(std::clamp((from - around - start) / cell, 0.0f, last));
+        const float end_cell = std::ceil(std::clamp((to + around - start) / cell, 0.0f, last));
+        return std::pair(static_cast<int>(first_cell), static_cast<int>(end_cell));
+    };
+    const auto [first_column, end_column] = cells(extent.x_min, extent.x_max, grid_left + origin_x, grid_columns);
+    const auto [first_row, end_row] = cells(extent.y_min, extent.y_max, grid_top + origin_y, grid_rows);
+    left = grid_left + static_cast<float>(first_column) * cell;
+    top = grid_top + static_cast<float>(first_row) * cell;
+    rows = end_row - first_row;
+    columns = end_column - first_column;
+    return rows > 0 && columns > 0;
+}
+
+void LayerTarget::lay_out() {
+    bins_per_cell = near ? near_bins : 1;
+    radius = taps_radius(blur_variance);
+    margin = (radius + bins_per_cell / 2) / bins_per_cell;
+    width = round_up(columns);
+    segment = round_up(width + 2 * margin);
+    stride = segment * bins_per_cell;
+    bin_rows = (rows + 2 * margin) * bins_per_cell;
+    size = bin_rows * stride;
+}
+
+Rectangle LayerTarget::catchment() const {
+    const float around = static_cast<float>(margin) * cell;
+    const Rectangle window{left - around, left + static_cast<float>(columns) * cell + around, top - around,
+                           top + static_cast<float>(rows) * cell + around};
+    return window.grown(reach);
+}
+
+LayerMaps::LayerMaps(const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan)
+    : samples_(samples),
+      blocks_(blocks),
+      plan_(plan),
+      index_(samples, blocks.extents, blocks.block),
+      lookup_(plan.boundaries, plan.layer_count - 1),
+      part_reach_(0),
+      color_(std::size_t{hit_channels} * batch_size, 1.0f),  // the count of a sample stays 1
+      slope_(batch_size),
+      key_(batch_size),
+      bins_(batch_size) {
+    for (auto* field : {&x_, &y_, &u_, &v_, &c_}) field->resize(batch_size);
+    for (int i = 0; i < plan.part_count; ++i)
+        part_reach_ = std::max({part_reach_, std::fabs(plan.parts[3 * i]), std::fabs(plan.parts[3 * i + 1])});
+    part_reach_ += static_cast<float>(taps_reach * std::sqrt(plan.part_variance));
+}
+
+std::vector<LayerTarget> LayerMaps::layers_near(const Rectangle& pixels, int first_level, int last_level) const {
+    const int layers = plan_.layer_count;
+    std::vector<std::int64_t> counts(layers);
+    std::vector<double> sums(layers);
+    std::vector<Rectangle> extents(layers, {INFINITY, -INFINITY, INFINITY, -INFINITY});
+    float largest = 0;
+    for (int layer = 0; layer < layers; ++layer) largest = std::max(largest, plan_.reaches[layer]);
+    index_.visit(pixels.grown(largest * (1 + part_reach_) + tail), [&](int row, int column) {
+        const std::ptrdiff_t block = (std::ptrdiff_t{row} * index_.columns() + column) * layers;
+        for (int layer = 0; layer < layers; ++layer) {
+            if (blocks_.counts[block + layer] == 0) continue;
+            if (!pixels.grown(plan_.reaches[layer] * (1 + part_reach_) + tail).meets(index_.at(row, column))) continue;
+            counts[layer] += blocks_.counts[block + layer];
+            sums[layer] += blocks_.slope_sums[block + layer];
+            extents[layer].include(index_.at(row, column));
+        }
+    });
+
+    std::vector<LayerTarget> targets;
+    for (int layer = 0; layer < layers; ++layer) {
+        const int level = plan_.levels[layer];
+        if (counts[layer] == 0 || level < first_level || level > last_level) continue;
+        LayerTarget target{};
+        target.layer = layer;
+        target.slope = static_cast<float>(sums[layer] / static_cast<double>(counts[layer]));
+        target.reach = plan_.reaches[layer];
+        target.extent = extents[layer].grown(target.reach);
+        target.near = level < 0;
+        target.cell = level > 0 ? static_cast<float>(1 << level) : 1.0f;
+        const double slope2 = double{target.slope} * target.slope;
+        double variance = plan_.pixel_variance + slope2 * (target.near ? plan_.aperture_variance : plan_.part_variance);
+        if (level > 0) variance = (variance - plan_.interpolation) / (double{target.cell} * target.cell) - 1.0 / 6.0;
+        if (level == 0) variance -= plan_.interpolation;
+        if (target.near) variance *= near_bins * near_bins;
+        target.blur_variance = std::max(variance - bin_variance, 0.0);
+        targets.push_back(std::move(target));
+    }
+    return targets;
+}
+
+void LayerMaps::filter(std::vector<LayerTarget>& targets, float left, float top, std::vector<FilteredMap>& maps) {
+    for (LayerTarget& target : targets) {
+        target.lay_out();
+        target.hits.assign(std::size_t{hit_channels} * (target.size + 1), 0.0f);
+        target.holes.assign(std::size_t(target.size) + 1, 0.0f);
+    }
+    scatter(targets, left, top);
+    maps.resize(std::max(maps.size(), targets.size()));
+    for (std::size_t i = 0; i < targets.size(); ++i) blur(targets[i], maps[i]);
+}
+
+// Visits every block that may matter to a target, a batch of samples at a time.
+void LayerMaps::scatter(std::vector<LayerTarget>& targets, float left, float top) {
+    // Samples are sorted by a key that is odd for the targets' own samples and even in between.
+    key_of_layer_.resize(plan_.layer_count);
+    std::size_t next = 0;
+    for (int layer = 0; layer < plan_.layer_count; ++layer) {
+        const bool own = next < targets.size() && targets[next].layer == layer;
+        key_of_layer_[layer] = static_cast<std::int32_t>(2 * next + own);
+        next += own;
+    }
+    Rectangle all{INFINITY, -INFINITY, INFINITY, -INFINITY};
+    std::vector<Rectangle> catchments;
+    for (const LayerTarget& target : targets) {
+        Rectangle area = target.catchment();
+        area = {area.x_min + left, area.x_max + left, area.y_min + top, area.y_max + top};
+        catchments.push_back(area);
+        all = {std::min(all.x_min, area.x_min), std::max(all.x_max, area.x_max), std::min(all.y_min, area.y_min),
+               std::max(all.y_max, area.y_max)};
+    }
+    std::vector<char> wanted(targets.size());
+    index_.visit(all, [&](int block_row, int block_column) {
+        const Extent& extent = index_.at(block_row, block_column);
+        for (std::size_t i = 0; i < targets.size(); ++i) wanted[i] = catchments[i].meets(extent);
+        const int block = blocks_.block;
+        const int i_end = std::min((block_row + 1) * block, samples_.height);
+        const int j_end = std::min((block_column + 1) * block, samples_.width);
+        if (std::find(wanted.begin(), wanted.end(), 1) == wanted.end()) return;
+        int space = batch_size;
+        const auto flush = [&] {
+            sort_batch(static_cast<int>(targets.size()), left, top);
+            scatter_batch(targets, wanted);
+            runs_.clear();
+            space = batch_size;
+        };
+        for (int i = block_row * block; i < i_end; ++i) {
+            const std::ptrdiff_t pixel = std::ptrdiff_t{i} * samples_.width;
+            const std::ptrdiff_t end = (pixel + j_end) * samples_.spp;
+            for (std::ptrdiff_t k = (pixel + block_column * block) * samples_.spp; k < end;) {
+                const auto count = static_cast<int>(std::min<std::ptrdiff_t>(end - k, space));
+                runs_.push_back({k, count});
+                k += count;
+                space -= count;
+                if (space == 0) flush();
+            }
+        }
+        if (!runs_.empty()) flush();
+    });
+}
+
+// Sorts a batch by key. Samples in front of all targets are left out: they say nothing about them.
+void LayerMaps::sort_batch(int target_count, float left, float top) {
+    const int keys = 2 * target_count + 1;
+    start_.assign(keys + 1, 0);
+    int n = 0;
+    for (const Run& run : runs_) {
+        const float* const depth = samples_.depth + run.first;
+        for (int i = 0; i < run.count; ++i) slope_[n + i] = slope(depth[i], samples_.c0, samples_.c1);
+        n += run.count;
+    }
+    for (int i = 0; i < n; ++i) {
+        key_[i] = static_cast<std::uint16_t>(key_of_layer_[lookup_(slope_[i])]);
+        ++start_[key_[i] + 1];
+    }
+    start_[1] = 0;
+    for (int key = 1; key < keys; ++key) start_[key + 1] += start_[key];
+    cursor_ = start_;
+    n = 0;
+    for (const Run& run : runs_) {
+        const float* const xy = samples_.xy + 2 * run.first;
+        const float* const uv = samples_.uv + 2 * run.first;
+        const float* const rgb = samples_.color + 3 * run.first;
+        for (int i = 0; i < run.count; ++i, ++n) {
+            if (key_[n] == 0) continue;
+            const std::int32_t place = cursor_[key_[n]]++;
+            x_[place] = xy[2 * i] - left;
+            y_[place] = xy[2 * i + 1] - top;
+            u_[place] = uv[2 * i];
+            v_[place] = uv[2 * i + 1];
+            c_[place] = slope_[n];
+            std::memcpy(&color_[std::size_t{hit_channels} * place], rgb + 3 * i, 3 * sizeof(float));
+        }
+    }
+}
+
+// A target's own samples are hits, all behind it are holes (Algorithm 1 of the paper).
+void LayerMaps::scatter_batch(std::vector<LayerTarget>& targets, const std::vector<char>& wanted) {
+    const int end = start_[2 * targets.size() + 1];
+    for (std::size_t i = 0; i < targets.size(); ++i) {
+        if (!wanted[i]) continue;
+        LayerTarget& target = targets[i];
+        const auto around = static_cast<float>(target.margin) * target.cell;
+        const BinGrid grid{target.left - around,
+                           target.top - around,
+                           1.0f / target.cell,
+                           target.bins_per_cell,
+                           target.segment,
+                           target.rows + 2 * target.margin,
+                           target.segment,
+                           target.stride,
+                           target.size};
+        const int hit = start_[2 * i + 1], hole = start_[2 * i + 2];
+        hit_bins(&x_[hit], &y_[hit], &u_[hit], &v_[hit], &c_[hit], hole - hit, grid, bins_.data());
+        for (int k = hit; k < hole; ++k) {
+            float* const sums = &target.hits[std::size_t{hit_channels} * bins_[k - hit]];
+            for (int channel = 0; channel < hit_channels; ++channel)
+                sums[channel] += color_[std::size_t{hit_channels} * k + channel];
+        }
+        hole_bins(&x_[hole], &y_[hole], &u_[hole], &v_[hole], target.slope, end - hole, grid, bins_.data());
+        for (int k = 0; k < end - hole; ++k) target.holes[bins_[k]] += 1.0f;
+    }
+}
+
+// The columns first, while radiance and count of a bin still lie side by side; then, on the few rows that are left,
+// the rows.
+void LayerMaps::blur(LayerTarget& target, FilteredMap& map) {
+    const float seen = plan_.seen * target.cell * target.cell;
+    if (target.near)
+        count_all(target.hits.data(), target.holes.data(), target.size);
+    else
+        weigh_by_place(target.hits.data(), target.holes.data(), target.size, seen);
+
+    make_taps(target);
+    const int tap_count = 2 * target.radius + 1;
+    const int first = target.margin * target.bins_per_cell + target.bins_per_cell / 2 - target.radius;
+    const std::ptrdiff_t line = target.stride, plane = line * target.rows;
+    columns_blurred_.resize(std::size_t{hit_channels} * plane + columns_at_once);
+    planes_.resize(std::size_t{channel_count} * plane + columns_at_once);
+
+    for (int k = 0; k < tap_count; ++k) tap_rows_[k] = k * line;
+    blur_pass(&target.holes[first * line], target.bins_per_cell * line, planes_.data(), target.rows,
+              static_cast<int>(line), taps_.data(), tap_rows_.data(), tap_count);
+    for (int k = 0; k < tap_count; ++k) tap_rows_[k] = hit_channels * k * line;
+    blur_pass(&target.hits[hit_channels * first * line], hit_channels * target.bins_per_cell * line,
+              columns_blurred_.data(), target.rows, static_cast<int>(hit_channels * line), taps_.data(),
+              tap_rows_.data(), tap_count);
+    separate(columns_blurred_.data(), planes_.data() + plane, plane, static_cast<int>(plane));
+
+    map.resize(target.rows, target.width);
+    for (int channel = 0; channel < channel_count; ++channel)
+        blur_pass(planes_.data() + channel * plane, line, map.channel(channel), target.rows, target.width, taps_.data(),
+                  tap_columns_.data(), tap_count);
+    const double expected = static_cast<double>(samples_.spp) * target.cell * target.cell;
+    const auto scale = static_cast<float>(1 / (1 - std::exp(-expected)));
+    normalise(map.channel(known), map.channel(opacity), map.plane(), scale);
+}
+
+void LayerMaps::make_taps(const LayerTarget& target) {
+    const int radius = target.radius, tap_count = 2 * radius + 1;
+    taps_.resize(tap_count);
+    tap_columns_.resize(tap_count);
+    tap_rows_.resize(tap_count);
+    gaussian_taps(target.blur_variance, radius, taps_.data() + radius);
+    for (int d = 1; d <= radius; ++d) taps_[radius - d] = taps_[radius + d];
+    const int first = target.margin * target.bins_per_cell + target.bins_per_cell / 2 - radius;
+    for (int k = 0; k < tap_count; ++k) {
+        const int bin = first + k;
+        tap_columns_[k] = bin % target.bins_per_cell * target.segment + bin / target.bins_per_cell;
+    }
+}
+
+}  // namespace fewrays

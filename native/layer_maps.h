@@ -1,0 +1,91 @@
+// Scatters samples to where the lens centre sees them, layer by layer, and blurs the layers' maps.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "block_index.h"
+#include "layer_lookup.h"
+#include "layered.h"
+
+namespace fewrays {
+
+// How well a cell is known, then opacity and premultiplied radiance.
+enum Channel { known, opacity, red, green, blue, channel_count };
+
+// A layer's filtered map over a rectangle of cells: pixels, or bins of a coarse layer.
+struct FilteredMap {
+    std::vector<float> values;  // (channel_count, rows, stride)
+    int rows = 0, stride = 0;
+
+    void resize(int new_rows, int new_stride) {
+        rows = new_rows;
+        stride = new_stride;
+        values.resize(std::size_t{channel_count} * rows * stride);
+    }
+    std::ptrdiff_t plane() const { return std::ptrdiff_t{rows} * stride; }
+    float* channel(int index) { return values.data() + index * plane(); }
+    const float* channel(int index) const { return values.data() + index * plane(); }
+};
+
+// What to filter: one layer, and the bins that its samples are scattered to, relative to the caller's origin.
+struct LayerTarget {
+    int layer;
+    float slope;               // of its samples, on average
+    Rectangle extent;          // of its samples at the lens centre, in pixels of the image
+    float left, top, cell;     // of the wanted rectangle, and the side of a cell, in pixels
+    int rows, columns;         // of the wanted rectangle, in cells
+    bool near;                 // near focus: fine bins, each as important as the samples in it
+    float reach;               // how far samples may lie from their place at the lens centre, in pixels
+    double blur_variance;      // in bins²
+
+    int bins_per_cell, radius, margin;  // of the blur's kernel in bins, and its reach in cells
+    int width, segment;                 // cells of a row of the result and of the bins, in memory
+    int stride, bin_rows, size;         // bins from row to row (stored phase by phase), rows of bins, bins in all
+    std::vector<float> hits;            // (size + 1, 4): radiance and number of samples; the last collects strays
+    std::vector<float> holes;           // (size + 1)
+
+    // Asks for the part of a grid of cells (its corner relative to the origin, its size) that the layer can cover;
+    // false if that is nothing.
+    bool want(float grid_left, float grid_top, int grid_rows, int grid_columns, float origin_x, float origin_y);
+    void lay_out();
+    Rectangle catchment() const;
+};
+
+class LayerMaps {
+public:
+    LayerMaps(const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan);
+
+    // The layers, front to back, that have samples close enough to a rectangle of pixels to matter there.
+    std::vector<LayerTarget> layers_near(const Rectangle& pixels, int first_level, int last_level) const;
+
+    // Filters all targets, whose rectangles are relative to (left, top).
+    void filter(std::vector<LayerTarget>& targets, float left, float top, std::vector<FilteredMap>& maps);
+
+private:
+    void scatter(std::vector<LayerTarget>& targets, float left, float top);
+    void sort_batch(int target_count, float left, float top);
+    void scatter_batch(std::vector<LayerTarget>& targets, const std::vector<char>& wanted);
+    void blur(LayerTarget& target, FilteredMap& map);
+    void make_taps(const LayerTarget& target);
+
+    const Samples& samples_;
+    const BlockLayers& blocks_;
+    const LayeredPlan& plan_;
+    const BlockIndex index_;
+    const LayerLookup lookup_;
+    float part_reach_;  // largest |u| of a part's centre, and its reach, in lens units
+
+    struct Run {
+        std::ptrdiff_t first;
+        int count;
+    };
+    std::vector<Run> runs_;  // of samples that make up a batch
+    std::vector<float> x_, y_, u_, v_, c_, color_, slope_;
+    std::vector<std::uint16_t> key_;
+    std::vector<std::int32_t> key_of_layer_, start_, cursor_, bins_;
+    std::vector<float> taps_, columns_blurred_, planes_;
+    std::vector<std::ptrdiff_t> tap_rows_, tap_columns_;
+};
+
+}  // namespace fewrays

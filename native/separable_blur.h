@@ -1,0 +1,19 @@
+// One pass of a separable blur.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "simd.h"
+
+namespace fewrays {
+
+constexpr int columns_at_once = 16;  // the blurs keep this many sums in registers
+
+// out[row][column] = Σ taps[k] in[row * row_step + offsets[k] + column]; `columns` is a multiple of columns_at_once.
+// Along rows or along columns, whichever `offsets` and `row_step` say.
+void blur_pass(const float* FEWRAYS_RESTRICT in, std::ptrdiff_t row_step, float* FEWRAYS_RESTRICT out, int rows,
+               int columns, const float* FEWRAYS_RESTRICT taps, const std::ptrdiff_t* FEWRAYS_RESTRICT offsets,
+               int tap_count);
+
+}  // namespace fewrays

@@ -1,0 +1,87 @@
+"""Depth layers: thin slabs of slope, the bins that each is worth, and which slab a sample belongs to.
+
+A layer's opacity and radiance are blurred with one width, that of its mean slope, so its slopes may differ by no
+more than the blur can hide. What hides is the blur itself, of standard deviation ``|C| sigma`` (sigma: that of the
+aperture), and near focus the pixel. Boundaries are therefore uniform in ``asinh(C sigma / scale)``: a constant step
+in slope near the focal plane, a constant ratio far from it. One layer is centred on the focal plane.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["NEAR", "Slabs"]
+
+NEAR = -1
+"""Level of the layers near focus, binned more finely than by pixels."""
+
+_SCALE = 2.0  # pixels of blur where steps turn into ratios
+_NEAR_BLUR = 0.8  # pixels of blur below which a layer counts as near focus
+
+
+@dataclass(frozen=True)
+class Slabs:
+    """The depth layers that a buffer's slopes fall into, front to back.
+
+    Parameters
+    ----------
+    boundaries : ndarray of float32, (count - 1,)
+        Slopes in pixels where one layer ends and the next begins, ascending.
+    levels : ndarray of int32, (count,)
+        Bins of ``2**level`` pixels, or `NEAR`.
+    reaches : ndarray of float32, (count,)
+        Largest ``|C|`` that a sample of the layer may have, in pixels.
+    """
+
+    boundaries: npt.NDArray[np.float32]
+    levels: npt.NDArray[np.int32]
+    reaches: npt.NDArray[np.float32]
+
+    @classmethod
+    def covering(
+        cls, c_min: float, c_max: float, *, spacing: float, sigma_pix: float, sigma_u: float, part_sigma: float
+    ) -> Slabs:
+        """Lay out the layers that slopes from `c_min` to `c_max` need.
+
+        Parameters
+        ----------
+        c_min, c_max : float
+            Smallest and largest slope in pixels.
+        spacing : float
+            Of the boundaries, in ``asinh(C sigma_u / 2 px)``: far from focus, roughly the ratio of slopes.
+        sigma_pix : float
+            Standard deviation of the pixel filter in pixels.
+        sigma_u : float
+            Standard deviation of the aperture along one axis, in lens units.
+        part_sigma : float
+            The same of one part of the aperture; its blur decides how coarse bins may be.
+
+        Returns
+        -------
+        Slabs
+        """
+        scale = _SCALE / sigma_u
+        first, last = (round(math.asinh(c / scale) / spacing) for c in (c_min, c_max))
+        steps = np.arange(first, last + 1)
+        boundaries = (scale * np.sinh((steps[:-1] + 0.5) * spacing)).astype(np.float32)
+        ends = np.concatenate([[c_min], boundaries, [c_max]])
+        reaches = np.maximum(np.abs(ends[:-1]), np.abs(ends[1:])).astype(np.float32)
+
+        center = np.abs(scale * np.sinh(steps * spacing))
+        blur = np.hypot(sigma_pix, center * part_sigma)
+        levels = np.maximum(np.floor(np.log2(blur)), 0).astype(np.int32)
+        levels[center * sigma_u < _NEAR_BLUR] = NEAR
+        return cls(boundaries, levels, reaches)
+
+    @property
+    def count(self) -> int:
+        """Number of layers."""
+        return len(self.levels)
+
+    def of_slope(self, slope: npt.NDArray[np.float32]) -> npt.NDArray[np.intp]:
+        """Layer of each slope (float32, in pixels): an array of its shape, smaller numbers in front."""
+        return np.searchsorted(self.boundaries, slope, side="right")
