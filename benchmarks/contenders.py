@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import fewrays
 from fewrays.baselines.accumulation import FilterShape
 from fewrays.method import Image
@@ -38,7 +36,7 @@ def tile_side(algorithm: str) -> int:
         For an algorithm without such an option.
     """
     method = fewrays.METHODS.get(algorithm)
-    for field in dataclasses.fields(method.options) if method else ():
-        if field.name == "tile":
-            return int(field.default)
-    raise ValueError(f"{algorithm} has no tiles")
+    side = getattr(method.options(), "tile", None) if method else None
+    if side is None:
+        raise ValueError(f"{algorithm} has no tiles")
+    return int(side)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import ctypes.util
 import multiprocessing
 import resource
 import sys
@@ -21,6 +23,7 @@ def extra_memory(call: Callable[[], object]) -> float:
     RuntimeError
         When the call fails in the child.
     """
+    _give_back_freed()
     context = multiprocessing.get_context("fork")
     answers = context.SimpleQueue()
 
@@ -35,6 +38,14 @@ def extra_memory(call: Callable[[], object]) -> float:
     if child.exitcode != 0:
         raise RuntimeError(f"the measured call failed with exit code {child.exitcode}")
     return float(answers.get())
+
+
+def _give_back_freed() -> None:
+    """Give memory that was freed back to the system, lest the call reuse it unseen; only glibc can."""
+    library = ctypes.util.find_library("c") if sys.platform == "linux" else None
+    trim = getattr(ctypes.CDLL(library), "malloc_trim", None) if library else None
+    if trim is not None:
+        trim(0)
 
 
 def _peak() -> float:

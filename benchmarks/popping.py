@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -56,7 +57,8 @@ class Slide:
     def standing_out(self) -> npt.NDArray[np.float64]:
         """Every frame's change over the median of the frames around it."""
         spans = [self.change[max(0, i - _AROUND) : i + _AROUND + 1] for i in range(len(self.change))]
-        return self.change / np.array([np.median(span) for span in spans])
+        ratios: npt.NDArray[np.float64] = self.change / np.array([np.median(span) for span in spans])
+        return ratios
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ class _Scene:
 
 
 def measure_slides() -> list[Slide]:
-    """Slide a wall through the focal plane, and a cover towards it, with the same random numbers throughout."""
+    """Slide a wall through the focal plane, and a cover towards it, with the same random numbers."""
     slides = []
     for scene in (_wall(), _cover()):
         print(f"popping: {scene.name}", file=sys.stderr)
@@ -103,9 +105,7 @@ def change_beyond_truth(
         image[inner, inner].astype(np.float64) - truth[inner, inner]
         for image, truth in zip(images, truths, strict=True)
     ]
-    return np.array(
-        [np.sqrt(np.square(b - a).mean()) for a, b in zip(errors[:-1], errors[1:], strict=True)]
-    )
+    return np.array([np.sqrt(np.square(b - a).mean()) for a, b in pairwise(errors)])
 
 
 def _wall() -> _Scene:
@@ -121,7 +121,10 @@ def _wall() -> _Scene:
 def _cover() -> _Scene:
     """Return a disc that slides towards the focal plane, before a blurred wall."""
     height, width = _SIZE
-    mask, texture = disc((width / 2, height / 2), 20), smooth_noise(6.0, mean=(0.8, 0.4, 0.2), waves=8, seed=4)
+    mask, texture = (
+        disc((width / 2, height / 2), 20),
+        smooth_noise(6.0, mean=(0.8, 0.4, 0.2), waves=8, seed=4),
+    )
 
     def planes(slope: float) -> list[Plane]:
         return [Plane(_LENS.depth(4.0), _WALL), Plane(_LENS.depth(slope), texture, mask)]
@@ -136,16 +139,24 @@ def section(slides: Sequence[Slide], picture: str) -> Iterator[str]:
     """Return the page's part on popping."""
     yield "## Popping"
     yield (
-        f"A depth slides by {STEP:g} px of slope from frame to frame, across the borders of layers, while all "
-        f"random numbers stay the same ({SPP} samples per pixel). Measured is the change of the image from a "
-        "frame to the next, less the change of the truth (exact for the wall; "
-        f"{TRUTH_SPP} samples per pixel, the same ones in every frame, for the disc): its RMS, in thousandths of "
-        "radiance 1. Where a method hands samples from one layer to another with a jolt, a frame stands out. "
-        "Its change is therefore given over the median of all frames, and over the median of the "
-        f"{2 * _AROUND + 1} frames around it, for the change also grows steadily towards focus. `{PLAIN}` knows "
-        "no layers."
+        f"A depth slides by {STEP:g} px of slope from frame to frame, across the borders of layers, while "
+        f"all random numbers stay the same ({SPP} samples per pixel). Measured is the change of the image "
+        "from a frame to the next, less the change of the truth (exact for the wall; "
+        f"{TRUTH_SPP} samples per pixel, the same ones in every frame, for the disc): its RMS, in "
+        "thousandths of radiance 1. Where a method hands samples from one layer to another with a jolt, a "
+        "frame stands out. Its change is therefore given over the median of all frames, and over the median "
+        f"of the {2 * _AROUND + 1} frames around it, for the change also grows steadily towards focus. "
+        f"`{PLAIN}` knows no layers."
     )
-    head = ["scene", "method", "median", "worst", "worst / median", "worst / frames around it", "at slope, px"]
+    head = [
+        "scene",
+        "method",
+        "median",
+        "worst",
+        "worst / median",
+        "worst / frames around it",
+        "at slope, px",
+    ]
     rows = []
     for slide in slides:
         standing_out = slide.standing_out

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 from PIL import Image as Pillow
@@ -11,11 +13,14 @@ import fewrays
 from contenders import PUBLISHED
 from fewrays.sources.analytic import Mask, Plane, sample, smooth_noise
 
-__all__ = ["LEAF_LENS", "count_layers", "leaf_planes", "leaf_stack"]
+__all__ = ["LEAF_LENS", "count_layers", "leaf_planes", "leaf_stack", "seen_from"]
 
 LEAF_LENS = fewrays.Lens(-40.0, 10.0, aperture="gaussian", sampling="square")
 _CELL = 128  # pixels; each leafy plane has one leaf in some of these
-_LAYERS = {"partitions": 25, "partition_sigma_x": 16.0}  # as in the layered method's first version
+_LAYERS: dict[str, Any] = {
+    "partitions": 25,
+    "partition_sigma_x": 16.0,
+}  # as in the layered method's first version
 
 
 def leaf_planes(
@@ -72,6 +77,14 @@ def leaf_stack(
         color = smooth_noise(6.0, mean=rng.uniform(0.2, 0.8, 3).tolist(), waves=8, seed=seed + 1 + number)
         stack.append(Plane(LEAF_LENS.depth(float(slope)), color, _leaves(height, width, share, rng)))
     return stack
+
+
+def seen_from(plane: Plane, column: int, row: int) -> Plane:
+    """Return a plane as the image sees it whose left upper corner is that pixel of the plane's own image."""
+    corner = np.array([column, row], np.float64)
+    mask = plane.mask
+    shifted: Mask | None = None if mask is None else lambda xy: mask(xy + corner)
+    return Plane(plane.depth, lambda xy: plane.color(xy + corner), shifted)
 
 
 def count_layers(samples: fewrays.SampleBuffer) -> float:

@@ -43,17 +43,29 @@ public:
     int columns() const { return columns_; }
     const Extent& at(int row, int column) const { return extents_[std::ptrdiff_t{row} * columns_ + column]; }
 
-    // Calls visit(row, column) for every block with a sample that may lie in the rectangle, always in the same order.
+    // Calls visit(row, column) for every block with a sample that may lie in the rectangle, always in the same order:
+    // down one strip of blocks after the other, so that what neighbours write stays in the cache.
     template <typename Visit>
     void visit(const Rectangle& rectangle, Visit&& visit_block) const {
-        for (int row = 0; row < rows_; ++row) {
-            if (!rectangle.meets(row_extents_[row])) continue;
+        int first = columns_, last = -1;
+        std::vector<int> rows;
+        for (int row = 0; row < rows_; ++row)
+            if (rectangle.meets(row_extents_[row])) rows.push_back(row);
+        for (int row : rows)
             for (int column = 0; column < columns_; ++column)
-                if (rectangle.meets(at(row, column))) visit_block(row, column);
-        }
+                if (rectangle.meets(at(row, column))) {
+                    first = std::min(first, column);
+                    last = std::max(last, column);
+                }
+        for (int strip = first; strip <= last; strip += strip_columns)
+            for (int row : rows)
+                for (int column = strip; column <= std::min(strip + strip_columns - 1, last); ++column)
+                    if (rectangle.meets(at(row, column))) visit_block(row, column);
     }
 
 private:
+    static constexpr int strip_columns = 4;
+
     const Extent* extents_;
     const int rows_, columns_;
     std::vector<Extent> row_extents_;

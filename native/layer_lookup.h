@@ -5,7 +5,10 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <vector>
+
+#include "simd.h"
 
 namespace fewrays {
 
@@ -30,10 +33,20 @@ public:
             }
     }
 
-    int operator()(float c) const {
-        const std::int32_t i = std::min(cell(std::fabs(c)) - first_cell_, cells_ - 1);
-        const std::int32_t candidate = table_[i + (c < 0 ? 0 : cells_)];
-        return candidate + (c >= boundaries_[candidate]);
+    // Layers of `n` slopes.
+    FEWRAYS_INLINE void run(const float* FEWRAYS_RESTRICT slopes, int n, std::int32_t* FEWRAYS_RESTRICT layers) const {
+        const float offset = offset_;
+        const std::int32_t first_cell = first_cell_, cells = cells_;
+        const std::int32_t* const table = table_.data();
+        const float* const boundaries = boundaries_.data();
+        for (int i = 0; i < n; ++i) {
+            const float c = slopes[i], magnitude = std::fabs(c) + offset;
+            std::int32_t bits;
+            std::memcpy(&bits, &magnitude, sizeof bits);
+            const std::int32_t column = std::min((bits >> shift) - first_cell, cells - 1);
+            const std::int32_t candidate = table[column + (c < 0 ? 0 : cells)];
+            layers[i] = candidate + (c >= boundaries[candidate] ? 1 : 0);
+        }
     }
 
 private:

@@ -13,19 +13,21 @@ namespace fewrays {
 namespace {
 
 constexpr int batch_size = 512;   // samples that are sorted by layer at a time
+constexpr int stray_bins = 16;
 constexpr int hit_channels = 4;   // red, green, blue, count
 constexpr int near_bins = 3;      // per pixel
 constexpr double bin_variance = 1.0 / 12.0;  // of the bin that a sample is rounded to, in bins²
 constexpr float min_weight = 1e-12f;
 constexpr float tail = 4.0f;  // pixels around a layer's reach in which its samples still count
 
-// Bins of `n` samples that are moved to where the lens centre sees them; strays get the bin after the last.
+// The bins of a target; samples beyond them go to the stray bins after the last, in turn, so that none of these is
+// waited for.
 struct BinGrid {
     float left, top, per_pixel;
     int bins_per_cell, columns, rows, segment, stride, size;
 };
 
-FEWRAYS_INLINE std::int32_t bin_of(float x, float y, const BinGrid& grid) {
+FEWRAYS_INLINE std::int32_t bin_of(float x, float y, const BinGrid& grid, int i) {
     const auto phases = static_cast<float>(grid.bins_per_cell);
     const float qx = (x - grid.left) * grid.per_pixel, qy = (y - grid.top) * grid.per_pixel;
     const auto last_x = static_cast<float>(grid.columns) - 0.001f, last_y = static_cast<float>(grid.rows) - 0.001f;
@@ -38,7 +40,7 @@ FEWRAYS_INLINE std::int32_t bin_of(float x, float y, const BinGrid& grid) {
     const std::int32_t bin = (row * grid.bins_per_cell + sub_row) * grid.stride + phase * grid.segment + column;
     // A choice by arithmetic: written with ?: the compiler would branch around all of the above.
     const std::int32_t inside = -(static_cast<std::int32_t>(in_x == qx) & static_cast<std::int32_t>(in_y == qy));
-    return (bin & inside) | (grid.size & ~inside);
+    return (bin & inside) | ((grid.size + i % stray_bins) & ~inside);
 }
 
 FEWRAYS_CLONES void hit_bins(const float* FEWRAYS_RESTRICT x, const float* FEWRAYS_RESTRICT y,
@@ -46,14 +48,23 @@ FEWRAYS_CLONES void hit_bins(const float* FEWRAYS_RESTRICT x, const float* FEWRA
                              const float* FEWRAYS_RESTRICT c, int n, const BinGrid& grid,
                              std::int32_t* FEWRAYS_RESTRICT bins) {
     const BinGrid local = grid;
-    for (int i = 0; i < n; ++i) bins[i] = bin_of(x[i] - c[i] * u[i], y[i] - c[i] * v[i], local);
+    for (int i = 0; i < n; ++i) bins[i] = bin_of(x[i] - c[i] * u[i], y[i] - c[i] * v[i], local, i);
 }
 
 FEWRAYS_CLONES void hole_bins(const float* FEWRAYS_RESTRICT x, const float* FEWRAYS_RESTRICT y,
                               const float* FEWRAYS_RESTRICT u, const float* FEWRAYS_RESTRICT v, float c, int n,
                               const BinGrid& grid, std::int32_t* FEWRAYS_RESTRICT bins) {
     const BinGrid local = grid;
-    for (int i = 0; i < n; ++i) bins[i] = bin_of(x[i] - c * u[i], y[i] - c * v[i], local);
+    for (int i = 0; i < n; ++i) bins[i] = bin_of(x[i] - c * u[i], y[i] - c * v[i], local, i);
+}
+
+// Slopes of `n` samples, and the keys that the layers have which these fall into.
+FEWRAYS_CLONES void find_keys(const float* FEWRAYS_RESTRICT depth, int n, float c0, float c1, const LayerLookup& lookup,
+                              const std::int32_t* FEWRAYS_RESTRICT key_of_layer, float* FEWRAYS_RESTRICT slopes,
+                              std::int32_t* FEWRAYS_RESTRICT keys) {
+    for (int i = 0; i < n; ++i) slopes[i] = slope(depth[i], c0, c1);
+    lookup.run(slopes, n, keys);
+    for (int i = 0; i < n; ++i) keys[i] = key_of_layer[keys[i]];
 }
 
 // Weighs every bin by how well it is known instead of by the samples in it, so that clusters of samples count no
@@ -143,10 +154,11 @@ LayerMaps::LayerMaps(const Samples& samples, const BlockLayers& blocks, const La
       lookup_(plan.boundaries, plan.layer_count - 1),
       part_reach_(0),
       color_(std::size_t{hit_channels} * batch_size, 1.0f),  // the count of a sample stays 1
-      slope_(batch_size),
       key_(batch_size),
       bins_(batch_size) {
-    for (auto* field : {&x_, &y_, &u_, &v_, &c_}) field->resize(batch_size);
+    for (auto* field : {&depth_, &slope_, &x_, &y_, &u_, &v_, &c_}) field->resize(batch_size);
+    for (auto* field : {&xy_, &uv_}) field->resize(2 * batch_size);
+    rgb_.resize(3 * batch_size);
     for (int i = 0; i < plan.part_count; ++i)
         part_reach_ = std::max({part_reach_, std::fabs(plan.parts[3 * i]), std::fabs(plan.parts[3 * i + 1])});
     part_reach_ += static_cast<float>(taps_reach * std::sqrt(plan.part_variance));
@@ -195,8 +207,8 @@ std::vector<LayerTarget> LayerMaps::layers_near(const Rectangle& pixels, int fir
 void LayerMaps::filter(std::vector<LayerTarget>& targets, float left, float top, std::vector<FilteredMap>& maps) {
     for (LayerTarget& target : targets) {
         target.lay_out();
-        target.hits.assign(std::size_t{hit_channels} * (target.size + 1), 0.0f);
-        target.holes.assign(std::size_t(target.size) + 1, 0.0f);
+        target.hits.assign(std::size_t{hit_channels} * (target.size + stray_bins), 0.0f);
+        target.holes.assign(std::size_t(target.size) + stray_bins, 0.0f);
     }
     scatter(targets, left, top);
     maps.resize(std::max(maps.size(), targets.size()));
@@ -243,6 +255,7 @@ void LayerMaps::scatter(std::vector<LayerTarget>& targets, float left, float top
             for (std::ptrdiff_t k = (pixel + block_column * block) * samples_.spp; k < end;) {
                 const auto count = static_cast<int>(std::min<std::ptrdiff_t>(end - k, space));
                 runs_.push_back({k, count});
+                prefetch(k + std::ptrdiff_t{samples_.width} * samples_.spp * 4, count);
                 k += count;
                 space -= count;
                 if (space == 0) flush();
@@ -252,44 +265,83 @@ void LayerMaps::scatter(std::vector<LayerTarget>& targets, float left, float top
     });
 }
 
-// Sorts a batch by key. Samples in front of all targets are left out: they say nothing about them.
+// Asks for samples that are needed soon: blocks are too narrow for the processor to see the pattern.
+void LayerMaps::prefetch(std::ptrdiff_t first, int count) const {
+    const std::ptrdiff_t total = std::ptrdiff_t{samples_.height} * samples_.width * samples_.spp;
+    if (first + count > total) return;
+    constexpr int line = 64 / sizeof(float);
+    const auto ask = [](const float* begin, std::ptrdiff_t floats) {
+        for (std::ptrdiff_t i = 0; i < floats; i += line) FEWRAYS_PREFETCH(begin + i);
+    };
+    ask(samples_.depth + first, count);
+    ask(samples_.xy + 2 * first, 2 * count);
+    ask(samples_.uv + 2 * first, 2 * count);
+    ask(samples_.color + 3 * first, 3 * count);
+}
+
+// Sorts a batch by key. Samples in front of all targets are left out: they say nothing about them. The batch's halves
+// are counted and placed side by side, which halves the wait for one counter to be written and read again.
 void LayerMaps::sort_batch(int target_count, float left, float top) {
-    const int keys = 2 * target_count + 1;
-    start_.assign(keys + 1, 0);
     int n = 0;
     for (const Run& run : runs_) {
-        const float* const depth = samples_.depth + run.first;
-        for (int i = 0; i < run.count; ++i) slope_[n + i] = slope(depth[i], samples_.c0, samples_.c1);
+        std::memcpy(&depth_[n], samples_.depth + run.first, sizeof(float) * static_cast<std::size_t>(run.count));
+        std::memcpy(&xy_[2 * n], samples_.xy + 2 * run.first, 2 * sizeof(float) * static_cast<std::size_t>(run.count));
+        std::memcpy(&uv_[2 * n], samples_.uv + 2 * run.first, 2 * sizeof(float) * static_cast<std::size_t>(run.count));
+        std::memcpy(&rgb_[3 * n], samples_.color + 3 * run.first,
+                    3 * sizeof(float) * static_cast<std::size_t>(run.count));
         n += run.count;
     }
-    for (int i = 0; i < n; ++i) {
-        key_[i] = static_cast<std::uint16_t>(key_of_layer_[lookup_(slope_[i])]);
+    find_keys(depth_.data(), n, samples_.c0, samples_.c1, lookup_, key_of_layer_.data(), slope_.data(), key_.data());
+
+    const int keys = 2 * target_count + 1, half = n / 2;
+    start_.assign(keys + 1, 0);
+    middle_.assign(keys + 1, 0);
+    for (int i = 0; i < half; ++i) {
         ++start_[key_[i] + 1];
+        ++middle_[key_[half + i] + 1];
     }
-    start_[1] = 0;
-    for (int key = 1; key < keys; ++key) start_[key + 1] += start_[key];
-    cursor_ = start_;
-    n = 0;
-    for (const Run& run : runs_) {
-        const float* const xy = samples_.xy + 2 * run.first;
-        const float* const uv = samples_.uv + 2 * run.first;
-        const float* const rgb = samples_.color + 3 * run.first;
-        for (int i = 0; i < run.count; ++i, ++n) {
-            if (key_[n] == 0) continue;
-            const std::int32_t place = cursor_[key_[n]]++;
-            x_[place] = xy[2 * i] - left;
-            y_[place] = xy[2 * i + 1] - top;
-            u_[place] = uv[2 * i];
-            v_[place] = uv[2 * i + 1];
-            c_[place] = slope_[n];
-            std::memcpy(&color_[std::size_t{hit_channels} * place], rgb + 3 * i, 3 * sizeof(float));
-        }
+    if (n > 2 * half) ++middle_[key_[n - 1] + 1];
+    start_[1] = middle_[1] = 0;
+    cursor_.assign(2 * (keys + 1), 0);
+    std::int32_t place = 0;
+    for (int key = 1; key < keys; ++key) {
+        cursor_[key] = place;
+        cursor_[keys + key] = place += start_[key + 1];
+        place += middle_[key + 1];
+        start_[key] = cursor_[key];
     }
+    start_[keys] = place;
+    place_all(n, left, top, keys);
+}
+
+void LayerMaps::place_all(int n, float left, float top, int keys) {
+    std::int32_t* FEWRAYS_RESTRICT const cursor = cursor_.data();
+    const std::int32_t* FEWRAYS_RESTRICT const key = key_.data();
+    float *FEWRAYS_RESTRICT const x = x_.data(), *FEWRAYS_RESTRICT const y = y_.data();
+    float *FEWRAYS_RESTRICT const u = u_.data(), *FEWRAYS_RESTRICT const v = v_.data();
+    float *FEWRAYS_RESTRICT const c = c_.data(), *FEWRAYS_RESTRICT const color = color_.data();
+    const float *const xy = xy_.data(), *const uv = uv_.data(), *const rgb = rgb_.data(), *const slopes = slope_.data();
+    const auto put = [=](int i, std::int32_t place) {
+        x[place] = xy[2 * i] - left;
+        y[place] = xy[2 * i + 1] - top;
+        u[place] = uv[2 * i];
+        v[place] = uv[2 * i + 1];
+        c[place] = slopes[i];
+        for (int channel = 0; channel < 3; ++channel) color[hit_channels * place + channel] = rgb[3 * i + channel];
+    };
+    const int half = n / 2;
+    for (int i = 0; i < half; ++i) {
+        if (key[i] != 0) put(i, cursor[key[i]]++);
+        if (key[half + i] != 0) put(half + i, cursor[keys + key[half + i]]++);
+    }
+    if (n > 2 * half && key[n - 1] != 0) put(n - 1, cursor[keys + key[n - 1]]++);
 }
 
 // A target's own samples are hits, all behind it are holes (Algorithm 1 of the paper).
 void LayerMaps::scatter_batch(std::vector<LayerTarget>& targets, const std::vector<char>& wanted) {
     const int end = start_[2 * targets.size() + 1];
+    const float* const color = color_.data();
+    const std::int32_t* const bins = bins_.data();
     for (std::size_t i = 0; i < targets.size(); ++i) {
         if (!wanted[i]) continue;
         LayerTarget& target = targets[i];
@@ -305,13 +357,13 @@ void LayerMaps::scatter_batch(std::vector<LayerTarget>& targets, const std::vect
                            target.size};
         const int hit = start_[2 * i + 1], hole = start_[2 * i + 2];
         hit_bins(&x_[hit], &y_[hit], &u_[hit], &v_[hit], &c_[hit], hole - hit, grid, bins_.data());
-        for (int k = hit; k < hole; ++k) {
-            float* const sums = &target.hits[std::size_t{hit_channels} * bins_[k - hit]];
+        float* const hits = target.hits.data();
+        for (int k = 0; k < hole - hit; ++k)
             for (int channel = 0; channel < hit_channels; ++channel)
-                sums[channel] += color_[std::size_t{hit_channels} * k + channel];
-        }
+                hits[hit_channels * bins[k] + channel] += color[hit_channels * (hit + k) + channel];
         hole_bins(&x_[hole], &y_[hole], &u_[hole], &v_[hole], target.slope, end - hole, grid, bins_.data());
-        for (int k = 0; k < end - hole; ++k) target.holes[bins_[k]] += 1.0f;
+        float* const holes = target.holes.data();
+        for (int k = 0; k < end - hole; ++k) holes[bins[k]] += 1.0f;
     }
 }
 

@@ -42,8 +42,8 @@ struct LayerTarget {
     int bins_per_cell, radius, margin;  // of the blur's kernel in bins, and its reach in cells
     int width, segment;                 // cells of a row of the result and of the bins, in memory
     int stride, bin_rows, size;         // bins from row to row (stored phase by phase), rows of bins, bins in all
-    std::vector<float> hits;            // (size + 1, 4): radiance and number of samples; the last collects strays
-    std::vector<float> holes;           // (size + 1)
+    std::vector<float> hits;            // (size + strays, 4): radiance and number of samples
+    std::vector<float> holes;           // (size + strays)
 
     // Asks for the part of a grid of cells (its corner relative to the origin, its size) that the layer can cover;
     // false if that is nothing.
@@ -64,7 +64,9 @@ public:
 
 private:
     void scatter(std::vector<LayerTarget>& targets, float left, float top);
+    void prefetch(std::ptrdiff_t first, int count) const;
     void sort_batch(int target_count, float left, float top);
+    void place_all(int n, float left, float top, int keys);
     void scatter_batch(std::vector<LayerTarget>& targets, const std::vector<char>& wanted);
     void blur(LayerTarget& target, FilteredMap& map);
     void make_taps(const LayerTarget& target);
@@ -81,9 +83,9 @@ private:
         int count;
     };
     std::vector<Run> runs_;  // of samples that make up a batch
-    std::vector<float> x_, y_, u_, v_, c_, color_, slope_;
-    std::vector<std::uint16_t> key_;
-    std::vector<std::int32_t> key_of_layer_, start_, cursor_, bins_;
+    std::vector<float> depth_, slope_, xy_, uv_, rgb_;   // in the order of samples
+    std::vector<float> x_, y_, u_, v_, c_, color_;       // sorted
+    std::vector<std::int32_t> key_, key_of_layer_, start_, middle_, cursor_, bins_;
     std::vector<float> taps_, columns_blurred_, planes_;
     std::vector<std::ptrdiff_t> tap_rows_, tap_columns_;
 };

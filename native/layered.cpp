@@ -17,6 +17,7 @@ namespace {
 constexpr int strip_rows = 16;  // rows of a tile that are composited at a time, to stay in the cache
 constexpr float min_opacity = 1e-3f;
 constexpr float min_covered = 1e-3f;
+constexpr float opaque = 1e-6f;  // of what shows through less, not even a light is seen
 constexpr int near_to_coarse = 100;  // more levels than there are
 
 // A layer's map as seen through one part of the aperture.
@@ -80,6 +81,13 @@ FEWRAYS_INLINE void composite_row(const float* FEWRAYS_RESTRICT seen, const floa
     }
 }
 
+FEWRAYS_CLONES float largest(const float* values, std::ptrdiff_t n) {
+    float best[columns_at_once] = {};
+    for (std::ptrdiff_t i = 0; i < n; i += columns_at_once)
+        for (int k = 0; k < columns_at_once; ++k) best[k] = std::max(best[k], values[i + k]);
+    return *std::max_element(best, best + columns_at_once);
+}
+
 // Adds a layer behind what is there: the mean over the part of visibility times radiance is the product of the means
 // plus the covariance, to first order. What no ray has seen behind a cover is known only where the cover lets it
 // through: there the means already belong together, so the covariance counts by how much more is known.
@@ -120,6 +128,33 @@ FEWRAYS_CLONES void composite_near(const LayerView& view, const Strip& strip) {
                            strip.along_v + out, strip.opacity + out, strip.red + out, strip.green + out,
                            strip.blue + out);
     }
+}
+
+// Slopes of `n` samples, and the layers that they belong to.
+FEWRAYS_CLONES void find_layers(const float* FEWRAYS_RESTRICT depth, int n, float c0, float c1,
+                                const LayerLookup& lookup, float* FEWRAYS_RESTRICT slopes,
+                                std::int32_t* FEWRAYS_RESTRICT layers) {
+    for (int i = 0; i < n; ++i) slopes[i] = slope(depth[i], c0, c1);
+    lookup.run(slopes, n, layers);
+}
+
+// Columns [first, end) of a row.
+struct Span {
+    int first, end;
+};
+
+// Where a row of opacities is not zero.
+FEWRAYS_CLONES Span occupied(const float* row, int columns) {
+    int first = 0, end = columns;
+    const auto empty = [&](int from) {
+        float largest_here = 0;
+        for (int i = 0; i < columns_at_once; ++i) largest_here = std::max(largest_here, row[from + i]);
+        return largest_here <= 0.0f;
+    };
+    while (first < end && empty(first)) first += columns_at_once;
+    while (first < end && empty((end - 1) / columns_at_once * columns_at_once))
+        end = (end - 1) / columns_at_once * columns_at_once;
+    return {first, std::max(first, end)};
 }
 
 // Reads the maps of coarse layers between their bins, at every pixel of a rectangle.
@@ -227,6 +262,7 @@ private:
         bool near;
         int left, top, columns;  // of the map, relative to the tile, in pixels
         const FilteredMap* map;
+        std::vector<Span> spans;  // of each row of the map, where the layer is not transparent
     };
 
     void find_maps(int left, int top) {
@@ -243,7 +279,7 @@ private:
             if (!target.want(static_cast<float>(-border), static_cast<float>(-border), span, span, x, y)) continue;
             FilteredMap& map = level > 0 ? coarse_maps_[layers_.size()] : maps_[targets_.size()];
             const int map_left = static_cast<int>(target.left), map_top = static_cast<int>(target.top);
-            layers_.push_back({target.layer, target.slope, target.near, map_left, map_top, target.columns, &map});
+            layers_.push_back({target.layer, target.slope, target.near, map_left, map_top, target.columns, &map, {}});
             if (level > 0)
                 magnifier_.run(coarse_map(target.layer), level, left + map_left, top + map_top, target.rows,
                                target.columns, map);
@@ -251,6 +287,10 @@ private:
                 targets_.push_back(std::move(target));
         }
         layer_maps_.filter(targets_, x, y, maps_);
+        for (TileLayer& layer : layers_)
+            for (int row = 0; row < layer.map->rows; ++row)
+                layer.spans.push_back(
+                    occupied(layer.map->channel(opacity) + std::ptrdiff_t{row} * layer.map->stride, layer.columns));
     }
 
     const CoarseMap& coarse_map(int layer) const {
@@ -264,9 +304,11 @@ private:
             const float u = plan_.parts[3 * part], v = plan_.parts[3 * part + 1], weight = plan_.parts[3 * part + 2];
             std::fill_n(transmittance_.begin(), area, 1.0f);
             std::fill_n(transmittance_.begin() + area, 2 * area, 0.0f);
-            for (std::size_t i = 0; i < layers_.size(); ++i)
+            for (std::size_t i = 0; i < layers_.size(); ++i) {
                 composite_layer(layers_[i], row, rows, u, v, weight,
                                 separately ? &layer_sums_[i * sums_.size()] : sums_.data());
+                if (largest(transmittance_.data(), area) < opaque) break;
+            }
         }
     }
 
@@ -276,10 +318,16 @@ private:
         const int beyond = layer.near ? 0 : 1;  // cells that interpolation reads besides a pixel's own
         const float x = layer.near ? 0.0f : -layer.slope * u, y = layer.near ? 0.0f : -layer.slope * v;
         const int shift_x = static_cast<int>(std::floor(x)), shift_y = static_cast<int>(std::floor(y));
-        const int left = std::max(layer.left - shift_x, 0);
-        const int right = std::min(layer.left - shift_x + layer.columns - beyond, plan_.tile);
         const int top = std::max(layer.top - shift_y, row);
         const int bottom = std::min(layer.top - shift_y + map.rows - beyond, row + rows);
+        Span span{plan_.tile, 0};
+        for (int i = top; i < bottom + beyond; ++i) {
+            const Span& here = layer.spans[i + shift_y - layer.top];
+            if (here.first < here.end) span = {std::min(span.first, here.first), std::max(span.end, here.end)};
+        }
+        const int offset = layer.left - shift_x;
+        const int left = std::max(offset + span.first - beyond, std::max(offset, 0));
+        const int right = std::min(offset + std::min(span.end, layer.columns - beyond), plan_.tile);
         if (left >= right || top >= bottom) return;
 
         LayerView view{{}, map.stride, x - static_cast<float>(shift_x), y - static_cast<float>(shift_y),
@@ -355,24 +403,48 @@ void block_layers(const Samples& samples, const LayeredPlan& plan, float margin,
     const int block = output.block, columns = (samples.width + block - 1) / block;
     const float right = static_cast<float>(samples.width) + margin;
     const float bottom = static_cast<float>(samples.height) + margin;
+    std::vector<float> slopes;
+    std::vector<std::int32_t> layers;
+    struct Tally {
+        double sum;
+        std::int32_t count;
+    };
+    std::vector<Tally> tallies;  // two for each layer, and two for samples that no layer gets
     for (int cell = first * columns; cell < last * columns; ++cell) {
         const int top = cell / columns * block, left = cell % columns * block;
         const int i_end = std::min(top + block, samples.height), j_end = std::min(left + block, samples.width);
         Extent box{infinity, -infinity, infinity, -infinity};
+        tallies.assign(2 * plan.layer_count + 2, {0.0, 0});
         std::int32_t* const counts = output.counts + std::ptrdiff_t{cell} * plan.layer_count;
         double* const slope_sums = output.slope_sums + std::ptrdiff_t{cell} * plan.layer_count;
         for (int i = top; i < i_end; ++i) {
             const std::ptrdiff_t row = std::ptrdiff_t{i} * samples.width;
-            for (std::ptrdiff_t k = (row + left) * samples.spp; k < (row + j_end) * samples.spp; ++k) {
-                const float x = samples.xy[2 * k], y = samples.xy[2 * k + 1];
-                if (x < -margin || x > right || y < -margin || y > bottom) continue;
-                box = {std::min(box.x_min, x), std::max(box.x_max, x), std::min(box.y_min, y),
-                       std::max(box.y_max, y)};
-                const float c = slope(samples.depth[k], samples.c0, samples.c1);
-                const int layer = lookup(c);
-                ++counts[layer];
-                slope_sums[layer] += double{std::min(std::max(c, -max_slope), max_slope)};
+            const std::ptrdiff_t begin = (row + left) * samples.spp;
+            const auto n = static_cast<int>((row + j_end) * samples.spp - begin);
+            slopes.resize(n);
+            layers.resize(n);
+            find_layers(samples.depth + begin, n, samples.c0, samples.c1, lookup, slopes.data(), layers.data());
+            const float* const xy = samples.xy + 2 * begin;
+            for (int k = 0; k < n; ++k) {
+                const float x = xy[2 * k], y = xy[2 * k + 1];
+                const bool near_image = x >= -margin && x <= right && y >= -margin && y <= bottom;
+                box.x_min = std::min(box.x_min, near_image ? x : infinity);
+                box.x_max = std::max(box.x_max, near_image ? x : -infinity);
+                box.y_min = std::min(box.y_min, near_image ? y : infinity);
+                box.y_max = std::max(box.y_max, near_image ? y : -infinity);
+                slopes[k] = std::min(std::max(slopes[k], -max_slope), max_slope);
+                layers[k] = near_image ? layers[k] : plan.layer_count;
             }
+            // Two tallies in turn, so that one is not waited for.
+            for (int k = 0; k < n; ++k) {
+                Tally& tally = tallies[2 * layers[k] + k % 2];
+                ++tally.count;
+                tally.sum += double{slopes[k]};
+            }
+        }
+        for (int layer = 0; layer < plan.layer_count; ++layer) {
+            counts[layer] = tallies[2 * layer].count + tallies[2 * layer + 1].count;
+            slope_sums[layer] = tallies[2 * layer].sum + tallies[2 * layer + 1].sum;
         }
         output.extents[cell] = box;
     }

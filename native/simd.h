@@ -15,9 +15,11 @@
 #if defined(_MSC_VER)
 #define FEWRAYS_INLINE __forceinline
 #define FEWRAYS_RESTRICT __restrict
+#define FEWRAYS_PREFETCH(address) static_cast<void>(address)
 #else
 #define FEWRAYS_INLINE inline __attribute__((always_inline))
 #define FEWRAYS_RESTRICT __restrict__
+#define FEWRAYS_PREFETCH(address) __builtin_prefetch(address)
 #endif
 
 namespace fewrays {

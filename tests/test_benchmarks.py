@@ -18,7 +18,7 @@ def load_module(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def test_noise_is_taken_out_of_the_mean_squared_error(load_module: Any) -> None:
-    quality = load_module("quality")
+    scores = load_module("scores")
     rng = np.random.default_rng(3)
     truth = rng.uniform(0.2, 0.8, 400_000)
     image = truth + rng.normal(0, 0.02, truth.shape)
@@ -27,12 +27,12 @@ def test_noise_is_taken_out_of_the_mean_squared_error(load_module: Any) -> None:
     def psnr(a: Any, b: Any) -> float:
         return float(-10 * np.log10(np.square(a - b).mean()))
 
-    corrected = quality.without_noise(psnr(image, reference), psnr(reference, truth))
+    corrected = scores.without_noise(psnr(image, reference), psnr(reference, truth))
     assert corrected == pytest.approx(psnr(image, truth), abs=0.05)
 
 
 def test_an_error_that_noise_explains_counts_as_none(load_module: Any) -> None:
-    assert load_module("quality").without_noise(40.0, 39.9) == math.inf
+    assert load_module("scores").without_noise(40.0, 39.9) == math.inf
 
 
 def test_a_target_counts_as_missed_on_the_scenes_below_it(load_module: Any) -> None:
@@ -45,10 +45,10 @@ def test_a_target_counts_as_missed_on_the_scenes_below_it(load_module: Any) -> N
 
 
 def test_every_method_is_compared_under_its_own_pixel_filter(load_module: Any) -> None:
-    quality = load_module("quality")
+    contenders = load_module("contenders")
     methods = importlib.import_module("fewrays").METHODS
-    filters = {name: quality.pixel_filter_of(method) for name, method in methods.items()}
-    assert filters.pop("box") == "box"
+    filters = {name: contenders.pixel_filter_of(name) for name in (*methods, contenders.DENOISER)}
+    assert filters.pop("box") == filters.pop(contenders.DENOISER) == "box"
     assert set(filters.values()) == {"gaussian"}
 
 
@@ -88,6 +88,137 @@ def test_samples_of_another_scene_than_the_reference_are_noticed(
 def test_calls_are_timed_in_turns_after_a_round_that_does_not_count(load_module: Any) -> None:
     order: list[str] = []
     calls = [lambda: order.append("a"), lambda: order.append("b")]
-    timings = load_module("speed").time_in_turns(calls, 2)
+    timings = load_module("timing").time_in_turns(calls, 2)
     assert order == ["a", "b"] * 3
     assert [len(timing.cpu) for timing in timings] == [len(timing.wall) for timing in timings] == [2, 2]
+
+
+def test_plain_averaging_that_halves_its_error_follows_the_law(load_module: Any) -> None:
+    scores, counts = load_module("scores"), load_module("sample_counts")
+    found = {spp: scores.Score(0.0, 20 + 10 * math.log10(spp)) for spp in (16, 2, 8)}
+    law = counts.plain_law(found)
+    assert law.exponent == pytest.approx(-1)
+    assert law.last_exponent == pytest.approx(-1)
+    assert law.needed(scores.Score(0.0, 50.0).error) == pytest.approx(1000)
+    found[16] = scores.Score(0.0, found[8].corrected)
+    assert counts.plain_law(found).last_exponent == pytest.approx(0)
+    assert math.isnan(counts.plain_law({8: found[8]}).exponent)
+
+
+def test_samples_that_have_not_been_rendered_are_named_with_their_command(load_module: Any) -> None:
+    counts = load_module("sample_counts")
+    score = load_module("scores").Score(30.0, 30.0)
+    scores = {name: {8: score} for name in load_module("contenders").RIVALS}
+    measured = counts.SampleCounts(
+        "serpent", scores, {"square": {8: score}, "gaussian": {4: score, 8: score}}
+    )
+    text = "\n".join(counts.section([measured]))
+    assert "missing: 1 spp, 2 spp, 4 spp, 16 spp" in text
+    assert "python examples/render.py serpent --spp 1 2 4 16 --reference-spp 0" in text
+
+
+@pytest.mark.parametrize(
+    ("gains", "verdict"), [((1.6, 1.6), "Met"), ((1.2, 1.3), "Missed"), ((4.0, -0.1), "Missed")]
+)
+def test_the_gain_over_the_foundation_must_reach_the_average_without_a_loss(
+    load_module: Any, gains: tuple[float, float], verdict: str
+) -> None:
+    foundation, score = load_module("foundation"), load_module("scores").Score
+    both = [
+        foundation.Gain(name, score(30.0, 30.0), score(30 + gain, 30 + gain))
+        for name, gain in zip(("near", "far"), gains, strict=True)
+    ]
+    assert f"**{verdict}**" in foundation.verdict(both)
+
+
+def test_missing_images_of_the_foundation_are_not_judged(load_module: Any, tmp_path: Path) -> None:
+    foundation = load_module("foundation")
+    image = np.zeros((2, 2, 3), np.float32)
+    reference = load_module("example_renders").Reference(image, 1, 40.0)
+    assert foundation.measure_gain(tmp_path, "serpent", 8, image, reference) is None
+    text = "\n".join(foundation.section([], ["serpent"], 8))
+    assert "missing for serpent" in text
+    assert "**" not in text
+
+
+def test_steps_at_tile_borders_stand_out_in_the_true_grid_only(load_module: Any) -> None:
+    jump_ratios = load_module("seams").jump_ratios
+    rng = np.random.default_rng(2)
+    noise = rng.normal(0, 1, (80, 96, 3))
+    assert np.abs(jump_ratios(noise, 16) - 1).max() < 0.1
+    tiles = np.kron(rng.normal(0, 1, (5, 6, 1)), np.ones((16, 16, 1)))
+    ratios = jump_ratios(noise + tiles, 16)
+    assert ratios[0] > 1.5
+    assert ratios[1:].max() < 1.1
+
+
+def test_a_frame_that_pops_stands_out_of_steady_change(load_module: Any) -> None:
+    popping = load_module("popping")
+    rng = np.random.default_rng(4)
+    truths = [np.full((8, 8, 3), 0.1 * number, np.float32) for number in range(60)]
+    images = [truth + np.float32(0.01) * rng.random(truth.shape, np.float32) for truth in truths]
+    images[30:] = [image + np.float32(0.05) for image in images[30:]]
+    change = popping.change_beyond_truth(images, truths, 1)
+    slide = popping.Slide("steps", "layered", np.arange(1.0, 60.0), change)
+    assert slide.slopes[slide.standing_out.argmax()] == 30
+    assert slide.standing_out.max() > popping.TARGET
+    assert np.delete(slide.standing_out, 29).max() < popping.TARGET
+    assert "**Missed** on steps" in popping.verdict([slide])
+
+
+def test_a_lights_rays_stay_within_its_footprint(load_module: Any) -> None:
+    lights = load_module("lights")
+    analytic = importlib.import_module("fewrays.sources.analytic")
+    for case in lights.CASES:
+        samples = analytic.sample(case.planes(), lights.LENS, lights.SIZE, lights.SIZE, 4)
+        lit = (samples.color > lights.RADIANCE / 2).any(axis=(2, 3))
+        assert not lit[~case.footprint()].any()
+        spare = case.footprint().any(axis=0).sum() - lit.any(axis=0).sum()
+        assert 8 <= spare <= 13
+
+
+def test_lost_light_and_sparkle_are_told_apart(load_module: Any) -> None:
+    lights = load_module("lights")
+    footprint = np.zeros((6, 6), bool)
+    footprint[2:4, 2:4] = True
+    truth = np.where(footprint[..., None], 10.0, 0.0) * np.ones(3)
+    dim, sparkling = 0.9 * truth, truth.copy()
+    sparkling[0, 0] = 1.0
+    found = lights.behaviour("box", [dim, sparkling], truth, footprint)
+    np.testing.assert_allclose(found.totals, [0.9, 1.025])
+    assert (found.outside, found.inside, found.least) == (pytest.approx(0.1), 0.0, 0.0)
+
+
+def test_a_window_on_a_plane_shows_what_the_whole_image_does(load_module: Any) -> None:
+    workloads, analytic = load_module("workloads"), importlib.import_module("fewrays.sources.analytic")
+    planes = workloads.leaf_stack(48, 64, planes=20, seed=1)
+    xy, uv = np.random.default_rng(0).uniform((-1, -1), (1, 1), (2, 500, 2))
+    xy = 20 + 15 * xy
+    whole = analytic.trace(planes, workloads.LEAF_LENS, xy, uv)
+    window = [workloads.seen_from(plane, 7, 5) for plane in planes]
+    part = analytic.trace(window, workloads.LEAF_LENS, xy - [7, 5], uv)
+    np.testing.assert_allclose(part[0], whole[0], atol=1e-6)
+    np.testing.assert_array_equal(part[1], whole[1])
+    assert len(np.unique(whole[1])) > 1
+
+
+def test_time_that_grows_with_the_blur_is_reported_as_missed(load_module: Any) -> None:
+    blur, timing = load_module("blur_radius"), load_module("timing").Timing
+    steady = blur.Growth("leaves", "layered", tuple(timing([s], [s]) for s in (1.0, 1.1, 1.2, 1.4)))
+    growing = blur.Growth("wall", "layered", tuple(timing([s], [s]) for s in (1.0, 1.1, 1.2, 1.6)))
+    assert "**Met** on every workload" in blur.verdict([steady])
+    assert "**Missed** on wall (1.60)" in blur.verdict([steady, growing])
+
+
+def test_large_renders_of_a_scene_come_before_small_ones(load_module: Any, tmp_path: Path) -> None:
+    speed = load_module("speed")
+    (tmp_path / speed.LARGE).mkdir()
+    for folder, scene in ((tmp_path, "foliage"), (tmp_path / speed.LARGE, "foliage"), (tmp_path, "citadel")):
+        (folder / f"{scene}_square_8spp.npz").touch()
+    found = {scene: path.parent for scene, path in speed.rendered(tmp_path).items()}
+    assert found == {"foliage": tmp_path / speed.LARGE, "citadel": tmp_path}
+
+
+def test_extra_memory_is_that_of_the_call(load_module: Any) -> None:
+    measured = load_module("memory").extra_memory(lambda: np.ones(2**23))
+    assert measured == pytest.approx(64, abs=8)

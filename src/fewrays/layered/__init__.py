@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fewrays.errors import SampleError
-from fewrays.layered import kernel
+from fewrays.layered import kernel, reference
 from fewrays.layered.plan import Plan
 from fewrays.method import Method, Reconstruction
 from fewrays.parallel import Execution
@@ -35,7 +35,7 @@ class LayeredOptions:
     aperture_parts: int = 3
     """Parts of the aperture along one axis whose visibility is resolved apart: 1 is fastest and as the paper has
     it, more are truer where blurred things cover each other."""
-    tile: int = 64
+    tile: int = 128
     """Side of a tile in pixels; a matter of speed."""
 
     def __post_init__(self) -> None:
@@ -63,7 +63,8 @@ def _run(samples: SampleBuffer, options: LayeredOptions, execution: Execution) -
     counts = np.zeros(plan.tile_count, np.int32)
     slots = np.arange(plan.slabs.count, dtype=np.int32)
     contributions = np.zeros((*shape, plan.slabs.count, 4), np.float32) if execution.aovs else None
-    kernel.reconstruct_tiles(samples, plan, image, counts, slots, contributions, execution)
+    engine = reference if execution.device == "reference" else kernel
+    engine.reconstruct_tiles(samples, plan, image, counts, slots, contributions, execution)
     if contributions is None:
         return Reconstruction(image)
     return Reconstruction(

@@ -62,7 +62,7 @@ class Plan:
         layer_spacing: float,
         aperture_parts: int,
         tile: int,
-        map_tile: int = 128,
+        map_tile: int = 256,
     ) -> Plan:
         """Lay out layers and parts for a buffer; the parameters are those of `LayeredOptions`."""
         variance = aperture_variance(samples.lens)

@@ -1,0 +1,499 @@
+"""The layered method in plain NumPy, float64: the definition of what the native kernels compute.
+
+To read it, begin at the end of the story. A pixel's radiance is the mean, over the points of the lens, of what the
+nearest surface sends there. A surface of slope C that the lens centre sees at p is seen from the lens point u at
+p + C u. So one map of a surface, as the lens centre sees it, holds its image from everywhere on the lens:
+
+1. **Layers.** Samples are sorted by slope into thin layers (`slabs`). `_survey` notes, for every block of pixels,
+   which layers its samples belong to; `_layers_near` finds out which layers may matter to a tile.
+2. **Maps.** For each layer, `_scatter` takes samples back to where the lens centre would have seen them. Those of
+   the layer itself are hits; those of the layers behind went through it and are holes; those in front say nothing.
+   `_filter` blurs both by what a *part* of the aperture (`aperture`) and the pixel filter blur, and divides: that
+   gives the layer's opacity and its radiance times opacity.
+3. **Compositing.** For each part of the aperture the maps are moved to where its centre sees them and composited
+   front to back (`_composite`), and the parts are averaged by their weights.
+4. What stays transparent is missing data, not a dark background: the image is divided by its opacity.
+
+Layers near focus hardly move over the lens. Their maps are blurred by the whole aperture at once and not moved, on
+bins of a third of a pixel so that edges in focus stay sharp. Layers far from focus are blurred by many pixels and
+get by with bins of 2, 4, 8 … pixels (`_coarse_maps`), magnified when a tile needs them (`_magnify`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Container, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from fewrays.layered.plan import MAP_MARGIN, MAX_SLOPE, Plan
+from fewrays.layered.slabs import NEAR
+from fewrays.layered.taps import TAPS_REACH, gaussian_taps, taps_radius
+from fewrays.parallel import Execution, progress_bar
+from fewrays.samples import SampleBuffer
+
+__all__ = ["reconstruct_tiles"]
+
+Float64 = npt.NDArray[np.float64]
+
+KNOWN, OPACITY, RADIANCE = 0, 1, slice(2, 5)
+"""Channels of a map: how well a cell is known, opacity, and radiance times opacity."""
+
+BLOCK = 16
+"""Side of the blocks that are surveyed, in pixels."""
+
+NEAR_BINS = 3
+"""Bins per pixel of layers near focus; odd, so that a pixel's centre is the centre of a bin."""
+
+BIN_VARIANCE = 1 / 12
+"""Variance along one axis of where in its bin a sample lies, in bins²."""
+
+MAGNIFIED_VARIANCE = 1 / 6
+"""Variance, on average, that reading a coarse map between its bins adds along one axis, in bins²."""
+
+TAIL = 4.0
+"""Pixels around what a layer can reach in which its samples still count, for the pixel filter's sake."""
+
+MIN_WEIGHT = 1e-12
+"""Filtered weight below which no sample has said anything about a cell."""
+
+MIN_COVERED = 1e-3
+"""Least cover by which what a cover hides is divided."""
+
+MIN_OPACITY = 1e-3
+"""Accumulated opacity below which a pixel counts as empty and is not rescaled."""
+
+
+def reconstruct_tiles(
+    samples: SampleBuffer,
+    plan: Plan,
+    image: npt.NDArray[np.float32],
+    counts: npt.NDArray[np.int32],
+    slots: npt.NDArray[np.int32],
+    contributions: npt.NDArray[np.float32] | None,
+    execution: Execution,
+) -> None:
+    """Reconstruct all tiles, as `fewrays.layered.kernel.reconstruct_tiles` does.
+
+    Parameters
+    ----------
+    samples : SampleBuffer
+    plan : Plan
+        With ``slabs.levels`` clipped to at most 0, no layer is filtered on coarse bins: slow and as good as it gets.
+    image : ndarray, (H, W, 3)
+        Receives the radiance.
+    counts : ndarray, (tiles,)
+        Receives the number of layers that may matter to each tile.
+    slots : ndarray, (layers,)
+        Where in `contributions` a layer goes.
+    contributions : ndarray, (H, W, slots, 4), or None
+        Receives each layer's part of the image: radiance, and opacity.
+    execution : Execution
+        For its progress bar.
+    """
+    flat = _flatten(samples, plan)
+    survey = _survey(flat, plan)
+    coarse = _coarse_maps(flat, survey, plan)
+    with progress_bar(plan.tile_count, "layered", show=execution.progress, unit="tile") as bar:
+        for tile in range(plan.tile_count):
+            pixels = _pixels_of_tile(plan, tile)
+            layers, sums = _reconstruct_tile(flat, survey, coarse, plan, tile)
+            total = sums.sum(axis=0)
+            scale = 1 / np.where(total[0] > MIN_OPACITY, total[0], 1.0)
+            image[pixels] = np.moveaxis(scale * total[1:], 0, -1)
+            counts[tile] = len(layers)
+            if contributions is not None:
+                for layer, part in zip(layers, sums, strict=True):
+                    contributions[(*pixels, slots[layer.index])] = np.moveaxis(
+                        scale * part[[1, 2, 3, 0]], 0, -1
+                    )
+            bar.update()
+
+
+# Which layers there are, and where.
+
+
+@dataclass(frozen=True)
+class _Flat:
+    """The samples as ``(N, …)``."""
+
+    xy: Float64
+    uv: Float64
+    color: Float64
+    slope: Float64
+    layer: npt.NDArray[np.intp]
+    block: npt.NDArray[np.intp]  # that a sample's pixel is in, row by row
+
+
+@dataclass(frozen=True)
+class _Survey:
+    """What the samples of each block are; blocks run row by row."""
+
+    low: Float64  # (blocks, 2): the least x and y of a sample, infinite where there is none
+    high: Float64  # (blocks, 2): the largest
+    counts: npt.NDArray[np.int64]  # (blocks, layers): samples
+    slope_sums: Float64  # (blocks, layers)
+
+
+@dataclass(frozen=True)
+class _Layer:
+    """A layer in the neighbourhood of a tile."""
+
+    index: int
+    slope: float  # mean of its samples nearby, in pixels per lens unit
+    level: int
+    low: Float64  # (2,): corners of the rectangle that its samples can lie in, as seen from the lens centre
+    high: Float64
+
+
+@dataclass(frozen=True)
+class _Window:
+    """A rectangle of square cells; in pixels, but for the numbers of rows and columns."""
+
+    left: float
+    top: float
+    cell: float
+    rows: int
+    columns: int
+
+
+def _flatten(samples: SampleBuffer, plan: Plan) -> _Flat:
+    """Leave out samples too far outside the image to reach it, such as the dropped ones."""
+    margin = 4 * float(plan.slabs.reaches.max()) + 64.0
+    xy = samples.xy.reshape(-1, 2).astype(np.float64)
+    kept = ((xy >= -margin) & (xy <= np.array([plan.width, plan.height]) + margin)).all(axis=-1)
+    slope = samples.lens.slope(samples.depth).astype(np.float32).ravel()[kept]
+    row, column, _ = np.indices(samples.depth.shape) // BLOCK
+    return _Flat(
+        xy=xy[kept],
+        uv=samples.uv.reshape(-1, 2)[kept].astype(np.float64),
+        color=samples.color.reshape(-1, 3)[kept].astype(np.float64),
+        slope=slope.astype(np.float64),
+        layer=plan.slabs.of_slope(slope),
+        block=(row * -(-plan.width // BLOCK) + column).ravel()[kept],
+    )
+
+
+def _survey(samples: _Flat, plan: Plan) -> _Survey:
+    """Find out which layers every block of pixels has, and where its samples lie."""
+    blocks = -(-plan.height // BLOCK) * -(-plan.width // BLOCK)
+    low, high = np.full((blocks, 2), np.inf), np.full((blocks, 2), -np.inf)
+    np.minimum.at(low, samples.block, samples.xy)
+    np.maximum.at(high, samples.block, samples.xy)
+    counts = np.zeros((blocks, plan.slabs.count), np.int64)
+    slope_sums = np.zeros((blocks, plan.slabs.count))
+    np.add.at(counts, (samples.block, samples.layer), 1)
+    np.add.at(slope_sums, (samples.block, samples.layer), np.clip(samples.slope, -MAX_SLOPE, MAX_SLOPE))
+    return _Survey(low, high, counts, slope_sums)
+
+
+def _layers_near(survey: _Survey, plan: Plan, area: _Window, levels: Container[int]) -> Iterator[_Layer]:
+    """Yield the layers of some levels, front to back, that have samples close enough to an area to matter there.
+
+    A sample is at most ``|C|`` from where the lens centre sees it, and that as far from the pixels it spreads to as
+    the aperture's parts reach.
+    """
+    part_reach = float(np.abs(plan.aperture.parts[:, :2]).max()) + TAPS_REACH * plan.aperture.sigma
+    start = np.array([area.left, area.top])
+    end = start + area.cell * np.array([area.columns, area.rows])
+    for index, (level, reach) in enumerate(
+        zip(plan.slabs.levels, plan.slabs.reaches.astype(np.float64), strict=True)
+    ):
+        if level not in levels:
+            continue
+        around = reach * (1 + part_reach) + TAIL
+        near = ((survey.high >= start - around) & (survey.low < end + around)).all(axis=-1)
+        near &= survey.counts[:, index] > 0
+        if near.any():
+            yield _Layer(
+                index=index,
+                slope=float(survey.slope_sums[near, index].sum() / survey.counts[near, index].sum()),
+                level=int(level),
+                low=survey.low[near].min(axis=0) - reach,
+                high=survey.high[near].max(axis=0) + reach,
+            )
+
+
+def _blur_variance(layer: _Layer, plan: Plan) -> float:
+    """Variance in bins² that remains to blur a layer by, along one axis.
+
+    Wanted is the pixel filter's variance and that of the aperture, or of a part of it, at the layer's slope. Bins and
+    interpolation have each a share in it already.
+    """
+    if layer.level == NEAR:
+        variance = NEAR_BINS**2 * (plan.pixel_variance + layer.slope**2 * plan.aperture_variance)
+    else:
+        variance = plan.pixel_variance + layer.slope**2 * plan.aperture.sigma**2 - plan.interpolation_variance
+        if layer.level > 0:
+            variance = variance / 4**layer.level - MAGNIFIED_VARIANCE
+    return max(variance - BIN_VARIANCE, 0.0)
+
+
+def _can_show(layer: _Layer, plan: Plan, area: _Window) -> bool:
+    """Whether a layer's blurred samples can reach an area at all."""
+    bin_size = 1 / NEAR_BINS if layer.level == NEAR else 2.0**layer.level
+    around = taps_radius(_blur_variance(layer, plan)) * bin_size + 2 * area.cell
+    start = np.array([area.left, area.top])
+    end = start + area.cell * np.array([area.columns, area.rows])
+    return bool((layer.low - around < end).all() and (layer.high + around > start).all())
+
+
+# The map of one layer.
+
+
+def _filter(samples: _Flat, layer: _Layer, plan: Plan, window: _Window) -> Float64:
+    """Map of a layer, ``(5, rows, columns)``.
+
+    Near focus, each sample counts alike. Elsewhere each bin does in which there are samples enough for it to be known
+    (those with fewer, in proportion), because samples at the lens centre cluster: where the layer is seen past an
+    edge, only some of the lens sees it, and unweighted the better-seen side would outweigh the other.
+    """
+    variance = _blur_variance(layer, plan)
+    radius, bins = taps_radius(variance), NEAR_BINS if layer.level == NEAR else 1
+    hits, count = _scatter(samples, layer, window, bins, radius)
+    if layer.level == NEAR:
+        weight = count
+    else:
+        weight = np.minimum(count / (plan.seen * window.cell**2), 1.0)
+        hits = hits * (weight / np.maximum(count, 1))
+
+    taps = gaussian_taps(variance, radius)
+    down = _blur_matrix(taps, window.rows, bins)
+    along = _blur_matrix(taps, window.columns, bins).T
+    blurred_weight = down @ weight @ along
+    reciprocal = np.where(blurred_weight > MIN_WEIGHT, 1 / np.maximum(blurred_weight, MIN_WEIGHT), 0.0)
+    # Bins that samples have missed by chance are no less known than others: were all of them open to rays, this
+    # share would be hit.
+    expected = 1 - math.exp(-plan.spp * window.cell**2)
+    known = np.minimum(blurred_weight / expected, 1.0)
+    return np.concatenate([known[None], (down @ hits @ along) * reciprocal])
+
+
+def _scatter(
+    samples: _Flat, layer: _Layer, window: _Window, bins: int, radius: int
+) -> tuple[Float64, Float64]:
+    """Collect samples where the lens centre would have seen them.
+
+    Parameters
+    ----------
+    samples, layer, window
+        As in `_filter`.
+    bins : int
+        Bins along the side of a cell.
+    radius : int
+        Bins around the window.
+
+    Returns
+    -------
+    hits : ndarray, (4, bin rows, bin columns)
+        Number, and summed radiance, of the layer's own samples.
+    count : ndarray, (bin rows, bin columns)
+        Number of hits and holes. Samples behind the layer met it, and found a hole, where a sample of the layer's
+        slope would have been.
+    """
+    reached = samples.layer >= layer.index
+    own = samples.layer[reached] == layer.index
+    slope = np.where(own, samples.slope[reached], layer.slope)
+    at_center = samples.xy[reached] - slope[:, None] * samples.uv[reached]
+
+    shape = (window.rows * bins + 2 * radius, window.columns * bins + 2 * radius)
+    position = np.floor((at_center - (window.left, window.top)) * (bins / window.cell)) + radius
+    inside = ((position >= 0) & (position < shape[::-1])).all(axis=-1)
+    column, row = position[inside].astype(np.int64).T
+    target = row * shape[1] + column
+
+    def add_up(values: npt.NDArray[np.float64] | npt.NDArray[np.bool_]) -> Float64:
+        sums = np.bincount(target, values[inside], minlength=shape[0] * shape[1])
+        return sums.astype(np.float64).reshape(shape)
+
+    color = samples.color[reached]
+    hits = np.stack([add_up(own), *(add_up(own * color[:, channel]) for channel in range(3))])
+    return hits, add_up(np.ones(len(own)))
+
+
+def _blur_matrix(taps: Float64, cells: int, bins: int) -> Float64:
+    """Matrix (cells, bins) that blurs one axis around the central bin of every cell."""
+    radius = len(taps) - 1
+    center = radius + bins // 2 + bins * np.arange(cells)
+    distance = np.abs(np.arange(cells * bins + 2 * radius) - center[:, None])
+    return np.where(distance <= radius, taps[np.minimum(distance, radius)], 0.0)
+
+
+# Layers far from focus.
+
+
+def _coarse_maps(samples: _Flat, survey: _Survey, plan: Plan) -> dict[int, Float64]:
+    """Filter the layers that are blurred enough for bins of several pixels.
+
+    Returns
+    -------
+    dict of int to ndarray, (5, bin rows, bin columns)
+        By layer. The image begins `MAP_MARGIN` bins from the map's corner.
+    """
+    maps: dict[int, Float64] = {}
+    side = plan.map_tile
+    for level in range(1, int(plan.slabs.levels.max(initial=0)) + 1):
+        rows, columns = plan.map_tiles(level)
+        for row, column in np.ndindex(rows, columns):
+            cell = 2.0**level
+            corner = (np.array([column, row]) * side - MAP_MARGIN) * cell
+            window = _Window(float(corner[0]), float(corner[1]), cell, side, side)
+            here = np.s_[:, row * side : (row + 1) * side, column * side : (column + 1) * side]
+            for layer in _layers_near(survey, plan, window, [level]):
+                whole = maps.setdefault(layer.index, np.zeros((5, rows * side, columns * side)))
+                whole[here] = _filter(samples, layer, plan, window)
+    return maps
+
+
+def _magnify(coarse: Float64, level: int, window: _Window) -> Float64:
+    """Read a coarse map at the centres of a window's pixels, linearly between the centres of bins."""
+
+    def place(first: float, count: int, limit: int) -> tuple[npt.NDArray[np.intp], Float64]:
+        position = (first + np.arange(count) + 0.5) / 2**level - 0.5 + MAP_MARGIN
+        position = np.clip(position, 0.0, limit - 1.001)
+        return position.astype(np.intp), position % 1
+
+    row, down = place(window.top, window.rows, coarse.shape[1])
+    column, along = place(window.left, window.columns, coarse.shape[2])
+    between = (1 - down[:, None]) * coarse[:, row] + down[:, None] * coarse[:, row + 1]
+    return np.asarray((1 - along) * between[..., column] + along * between[..., column + 1])
+
+
+# A tile of the image.
+
+
+def _pixels_of_tile(plan: Plan, tile: int) -> tuple[slice, slice]:
+    """Rows and columns of a tile; at the image's right and bottom they may be fewer than elsewhere."""
+    row, column = (index * plan.tile for index in divmod(tile, plan.tile_columns))
+    return slice(row, min(row + plan.tile, plan.height)), slice(column, min(column + plan.tile, plan.width))
+
+
+def _reconstruct_tile(
+    samples: _Flat, survey: _Survey, coarse: dict[int, Float64], plan: Plan, tile: int
+) -> tuple[list[_Layer], Float64]:
+    """Layers of a tile, and what each adds to it: opacity and radiance, ``(layers, 4, rows, columns)``."""
+    rows, columns = _pixels_of_tile(plan, tile)
+    area = _Window(columns.start, rows.start, 1.0, plan.tile, plan.tile)
+    farthest_part = float(np.abs(plan.aperture.parts[:, :2]).max())
+    layers, maps, borders = [], [], []
+    for layer in _layers_near(survey, plan, area, range(NEAR, 100)):
+        # Pixels around the tile that some part of the aperture sees in it.
+        border = 0 if layer.level == NEAR else math.ceil(farthest_part * abs(layer.slope)) + 1
+        if not _can_show(layer, plan, _grown(area, border)):
+            continue
+        seen = _Window(area.left, area.top, 1.0, rows.stop - rows.start, columns.stop - columns.start)
+        window = _grown(seen, border)
+        if layer.level > 0:
+            maps.append(_magnify(coarse[layer.index], layer.level, window))
+        else:
+            maps.append(_filter(samples, layer, plan, window))
+        layers.append(layer)
+        borders.append(border)
+
+    sums = np.zeros((len(layers), 4, rows.stop - rows.start, columns.stop - columns.start))
+    for u, v, weight in plan.aperture.parts.astype(np.float64):
+        visibility = _Visibility.of_everything(sums.shape[2:])
+        for layer, layer_map, border, layer_sums in zip(layers, maps, borders, sums, strict=True):
+            if layer.level == NEAR:
+                layer_sums += weight * _composite_near(layer_map, visibility)
+            else:
+                cell = _read(layer_map, border - layer.slope * u, border - layer.slope * v, sums.shape[2:])
+                layer_sums += weight * _composite(cell, -layer.slope * plan.aperture.sigma, visibility)
+    return layers, sums
+
+
+def _grown(window: _Window, border: int) -> _Window:
+    return _Window(
+        window.left - border, window.top - border, 1.0, window.rows + 2 * border, window.columns + 2 * border
+    )
+
+
+# Compositing, seen from one part of the aperture.
+
+
+@dataclass
+class _Visibility:
+    """How much of what is behind shows at every pixel, to first order in the place within the part."""
+
+    mean: Float64
+    along_u: Float64  # change for one standard deviation of the part
+    along_v: Float64
+
+    @classmethod
+    def of_everything(cls, shape: tuple[int, ...]) -> _Visibility:
+        return cls(np.ones(shape), np.zeros(shape), np.zeros(shape))
+
+
+@dataclass(frozen=True)
+class _Cell:
+    """A map between four of its cells: its value, and how much it changes from one cell to the next."""
+
+    value: Float64  # (5, rows, columns)
+    step_x: Float64
+    step_y: Float64
+
+
+def _read(layer_map: Float64, x: float, y: float, shape: tuple[int, ...]) -> _Cell:
+    """Read a map linearly between its pixels; the first pixel of the result is at (x, y) of the map."""
+    column, row = math.floor(x), math.floor(y)
+    fraction_x, fraction_y = x - column, y - row
+    corners = layer_map[:, row : row + shape[0] + 1, column : column + shape[1] + 1]
+    step_x = corners[..., 1:] - corners[..., :-1]
+    between = corners[..., :-1] + fraction_x * step_x
+    step_y = between[:, 1:] - between[:, :-1]
+    return _Cell(
+        value=between[:, :-1] + fraction_y * step_y,
+        step_x=step_x[:, :-1] + fraction_y * (step_x[:, 1:] - step_x[:, :-1]),
+        step_y=step_y,
+    )
+
+
+def _composite(cell: _Cell, shear: float, behind: _Visibility) -> Float64:
+    """Add a layer behind what is there: opacity and radiance that show, ``(4, rows, columns)``.
+
+    The mean, over a part of the aperture, of visibility times opacity is the product of their means plus their
+    covariance (what Eq. 34 of the paper leaves out). To first order both change linearly from one lens point to the
+    next, so their covariance is the product of their changes for one standard deviation, added up over u and v.
+
+    No ray has seen a layer behind a cover, so where it is covered its map comes from the rays that passed: the two
+    means already belong together, and adding their covariance would count it twice. It counts by how much more of
+    the layer is known than the cover lets through.
+
+    Parameters
+    ----------
+    cell : _Cell
+        The layer's map as the part's centre sees it.
+    shear : float
+        Pixels that the map moves by when the lens point moves by one standard deviation.
+    behind : _Visibility
+        What shows behind the layers so far; the layer is added to them.
+    """
+    mean, opacity = behind.mean, cell.value[OPACITY]
+    spare = (cell.value[KNOWN] - mean) / np.maximum(1 - mean, MIN_COVERED)
+    counts = shear * np.clip(spare, 0.0, 1.0)
+
+    product = mean * cell.value[1:]
+    covariance = counts * (behind.along_u * cell.step_x[1:] + behind.along_v * cell.step_y[1:])
+    shown: Float64 = np.maximum(product + covariance, 0.0)
+    # Where the two exclude each other as far as they can, or coincide as far as they can.
+    visible = np.clip(
+        (product + covariance)[0], np.maximum(mean + opacity - 1, 0.0), np.minimum(mean, opacity)
+    )
+    shown[0] = visible
+
+    behind.along_u = behind.along_u * (1 - opacity) - mean * shear * cell.step_x[OPACITY]
+    behind.along_v = behind.along_v * (1 - opacity) - mean * shear * cell.step_y[OPACITY]
+    behind.mean = np.maximum(mean - visible, 0.0)
+    return shown
+
+
+def _composite_near(layer_map: Float64, behind: _Visibility) -> Float64:
+    """Do the same with a layer near focus, which looks the same from everywhere on the lens."""
+    shown: Float64 = behind.mean * layer_map[1:]
+    clear = 1 - layer_map[OPACITY]
+    behind.mean = behind.mean * clear
+    behind.along_u = behind.along_u * clear
+    behind.along_v = behind.along_v * clear
+    return shown
