@@ -49,7 +49,7 @@ def measure_blur(radius: int) -> Blur:
     texture = checker(_SQUARE, (0.05, 0.1, 0.2), (0.95, 0.7, 0.5))
     focus = lens.focus_distance
     margin = radius + 16
-    card: Mask = half_plane((margin + _WINDOW[1] / 2, 0), (1.0, 0.3))
+    card: Mask = half_plane((margin + _WINDOW[1] / 2, margin + _WINDOW[0] / 2), (1.0, 0.3))
     scenes = {
         "cover": [Plane(focus, _SHARP), Plane(lens.depth(-radius), texture, stripes(2.5 * radius))],
         "wall": [Plane(lens.depth(radius), texture), Plane(focus, _SHARP, card)],
@@ -82,8 +82,8 @@ def section(blurs: Sequence[Blur]) -> Iterator[str]:
         f"{TRUTH_SPP} samples per pixel. *Blurred cover*: bars, 2.5 radii apart, before a sharp wall. "
         "*Blurred wall*: a sharp card that covers half of a wall out of focus. What is out of focus is a "
         f"checkerboard of {_SQUARE} px, strong in contrast: to be free of noise it needs samples from all "
-        "over its circle of confusion. Around what is compared lies a margin wider than that circle, so that no "
-        "samples are missing."
+        "over its circle of confusion. Around what is compared lies a margin wider than that circle, so "
+        "that no samples are missing."
     )
     head = [
         "radius, px",

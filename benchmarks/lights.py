@@ -83,6 +83,8 @@ class Behaviour:
         Largest excess over the truth beyond the light's footprint, as a share of the truth's peak.
     inside : float
         The same within the footprint.
+    systematic : float
+        Largest error of the mean over all seeds, either way, as a share of the truth's peak.
     """
 
     algorithm: str
@@ -90,6 +92,7 @@ class Behaviour:
     least: float
     outside: float
     inside: float
+    systematic: float
 
     @property
     def mean(self) -> float:
@@ -149,6 +152,7 @@ def behaviour(
         least=float(min(image.min() for image in images)),
         outside=float(excess[~footprint].max()),
         inside=float(excess[footprint].max()),
+        systematic=float(np.abs(np.mean(images, axis=0) - truth).max() / truth.max()),
     )
 
 
@@ -163,9 +167,19 @@ def section(measured: Sequence[Measured], picture: str) -> Iterator[str]:
         "hit, weighted by the aperture. *Over the samples' total* divides each image's sum by that of the "
         "plain average of the same samples. *Excess* is the largest value by which any pixel of any seed "
         "exceeds the truth, as a share of the truth's peak: beyond the light's footprint, which neither lens "
-        "nor pixel filter can leave, and within it."
+        "nor pixel filter can leave, and within it. *Systematic* is the largest "
+        "error of the mean over all seeds, as a share of the peak: what is wrong with the light's shape."
     )
-    head = ["light", "image", "total", "over the samples' total", "least value", "excess outside", "inside"]
+    head = [
+        "light",
+        "image",
+        "total",
+        "over the samples' total",
+        "least value",
+        "excess outside",
+        "inside",
+        "systematic",
+    ]
     rows = []
     for one in measured:
         for name, b in one.behaviours.items():
@@ -173,7 +187,7 @@ def section(measured: Sequence[Measured], picture: str) -> Iterator[str]:
             rows.append(
                 [
                     one.case.name, name, f"{b.mean:.4f} ± {b.uncertainty:.4f}", f"{mean:.4f} ± {error:.4f}",
-                    f"{b.least:.3g}", f"{b.outside:.2%}", f"{b.inside:.1%}",
+                    f"{b.least:.3g}", f"{b.outside:.2%}", f"{b.inside:.1%}", f"{b.systematic:.1%}",
                 ]
             )  # fmt: skip
     yield markdown_table(head, rows)

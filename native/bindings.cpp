@@ -44,7 +44,7 @@ Samples make_samples(Array<const float, -1, -1, -1, 2> xy, Array<const float, -1
 
 BlockLayers make_block_layers(int block, Array<const float, -1, -1, 4> extents,
                               Array<const std::int32_t, -1, -1, -1> counts,
-                              Array<const double, -1, -1, -1> slope_sums) {
+                              Array<const float, -1, -1, -1> slope_sums) {
     return {block, reinterpret_cast<const Extent*>(extents.data()), counts.data(), slope_sums.data()};
 }
 
@@ -142,7 +142,8 @@ NB_MODULE(_native, m) {
         .def(
             "__init__",
             [](LayeredPlan* self, int tile, int map_tile, Array<const float, -1> boundaries,
-               Array<const std::int32_t, -1> levels, Array<const float, -1> reaches, double pixel_variance,
+               Array<const std::int32_t, -1> levels, int deepest_tile_level, Array<const float, -1> reaches,
+               double pixel_variance,
                double aperture_variance, double part_variance, Array<const float, -1, 3> parts, float interpolation,
                float seen) {
                 new (self) LayeredPlan{tile,
@@ -150,6 +151,7 @@ NB_MODULE(_native, m) {
                                        static_cast<int>(levels.shape(0)),
                                        boundaries.data(),
                                        levels.data(),
+                                       deepest_tile_level,
                                        reaches.data(),
                                        pixel_variance,
                                        aperture_variance,
@@ -159,14 +161,14 @@ NB_MODULE(_native, m) {
                                        interpolation,
                                        seen};
             },
-            nb::keep_alive<1, 4>(), nb::keep_alive<1, 5>(), nb::keep_alive<1, 6>(), nb::keep_alive<1, 10>(),
-            nb::kw_only(), "tile"_a, "map_tile"_a, "boundaries"_a, "levels"_a, "reaches"_a, "pixel_variance"_a,
+            nb::keep_alive<1, 4>(), nb::keep_alive<1, 5>(), nb::keep_alive<1, 7>(), nb::keep_alive<1, 11>(),
+            nb::kw_only(), "tile"_a, "map_tile"_a, "boundaries"_a, "levels"_a, "deepest_tile_level"_a, "reaches"_a, "pixel_variance"_a,
             "aperture_variance"_a, "part_variance"_a, "parts"_a, "interpolation"_a, "seen"_a);
     nb::class_<BlockLayers>(m, "BlockLayers")
         .def(
             "__init__",
             [](BlockLayers* self, int block, Array<const float, -1, -1, 4> extents,
-               Array<const std::int32_t, -1, -1, -1> counts, Array<const double, -1, -1, -1> slope_sums) {
+               Array<const std::int32_t, -1, -1, -1> counts, Array<const float, -1, -1, -1> slope_sums) {
                 new (self) BlockLayers(make_block_layers(block, extents, counts, slope_sums));
             },
             nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>(), nb::keep_alive<1, 5>(), "block"_a, "extents"_a, "counts"_a,
@@ -184,7 +186,7 @@ NB_MODULE(_native, m) {
         "block_layers",
         [](const Samples& samples, const LayeredPlan& plan, float margin, int first, int last, int block,
            Array<float, -1, -1, 4> extents, Array<std::int32_t, -1, -1, -1> counts,
-           Array<double, -1, -1, -1> slope_sums) {
+           Array<float, -1, -1, -1> slope_sums) {
             block_layers(samples, plan, margin, first, last,
                          {block, reinterpret_cast<Extent*>(extents.data()), counts.data(), slope_sums.data()});
         },

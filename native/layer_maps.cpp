@@ -12,7 +12,7 @@
 namespace fewrays {
 namespace {
 
-constexpr int batch_size = 512;   // samples that are sorted by layer at a time
+constexpr int batch_size = 1024;   // samples that are sorted by layer at a time
 constexpr int stray_bins = 16;
 constexpr int hit_channels = 4;   // red, green, blue, count
 constexpr int near_bins = 3;      // per pixel
@@ -177,7 +177,7 @@ std::vector<LayerTarget> LayerMaps::layers_near(const Rectangle& pixels, int fir
             if (blocks_.counts[block + layer] == 0) continue;
             if (!pixels.grown(plan_.reaches[layer] * (1 + part_reach_) + tail).meets(index_.at(row, column))) continue;
             counts[layer] += blocks_.counts[block + layer];
-            sums[layer] += blocks_.slope_sums[block + layer];
+            sums[layer] += double{blocks_.slope_sums[block + layer]};
             extents[layer].include(index_.at(row, column));
         }
     });

@@ -18,7 +18,7 @@ constexpr int strip_rows = 16;  // rows of a tile that are composited at a time,
 constexpr float min_opacity = 1e-3f;
 constexpr float min_covered = 1e-3f;
 constexpr float opaque = 1e-6f;  // of what shows through less, not even a light is seen
-constexpr int near_to_coarse = 100;  // more levels than there are
+constexpr int any_level = 100;  // more levels than there are
 
 // A layer's map as seen through one part of the aperture.
 struct LayerView {
@@ -138,10 +138,54 @@ FEWRAYS_CLONES void find_layers(const float* FEWRAYS_RESTRICT depth, int n, floa
     lookup.run(slopes, n, layers);
 }
 
+// Grows the box around samples, limits their slopes, and takes samples too far outside the image from their layers.
+FEWRAYS_CLONES void survey_run(const float* FEWRAYS_RESTRICT xy, int n, float left_top, float right, float bottom,
+                               std::int32_t no_layer, Extent& box, float* FEWRAYS_RESTRICT slopes,
+                               std::int32_t* FEWRAYS_RESTRICT layers) {
+    constexpr float infinity = std::numeric_limits<float>::infinity();
+    constexpr int lanes = 16;  // each with a box of its own: the compiler keeps to the order of a single one
+    float x_min[lanes], x_max[lanes], y_min[lanes], y_max[lanes];
+    for (int lane = 0; lane < lanes; ++lane) {
+        x_min[lane] = y_min[lane] = infinity;
+        x_max[lane] = y_max[lane] = -infinity;
+    }
+    const auto look = [&](int k, int lane) {
+        const float x = xy[2 * k], y = xy[2 * k + 1];
+        const bool near_image = (x >= left_top) & (x <= right) & (y >= left_top) & (y <= bottom);
+        const float low_x = near_image ? x : infinity, high_x = near_image ? x : -infinity;
+        const float low_y = near_image ? y : infinity, high_y = near_image ? y : -infinity;
+        x_min[lane] = low_x < x_min[lane] ? low_x : x_min[lane];
+        x_max[lane] = high_x > x_max[lane] ? high_x : x_max[lane];
+        y_min[lane] = low_y < y_min[lane] ? low_y : y_min[lane];
+        y_max[lane] = high_y > y_max[lane] ? high_y : y_max[lane];
+        slopes[k] = std::min(std::max(slopes[k], -max_slope), max_slope);
+        layers[k] = near_image ? layers[k] : no_layer;
+    };
+    int k = 0;
+    for (; k + lanes <= n; k += lanes)
+        for (int lane = 0; lane < lanes; ++lane) look(k + lane, lane);
+    for (; k < n; ++k) look(k, 0);
+    for (int lane = 0; lane < lanes; ++lane)
+        box = {std::min(box.x_min, x_min[lane]), std::max(box.x_max, x_max[lane]), std::min(box.y_min, y_min[lane]),
+               std::max(box.y_max, y_max[lane])};
+}
+
 // Columns [first, end) of a row.
 struct Span {
     int first, end;
 };
+
+// A row of pixels between two rows of bins.
+FEWRAYS_CLONES void magnify_row(const float* FEWRAYS_RESTRICT upper, const float* FEWRAYS_RESTRICT lower, int cells,
+                                float row_fraction, float* FEWRAYS_RESTRICT between,
+                                const int* FEWRAYS_RESTRICT column, const float* FEWRAYS_RESTRICT fraction, int columns,
+                                float* FEWRAYS_RESTRICT out) {
+    for (int i = 0; i < cells; ++i) between[i] = upper[i] + row_fraction * (lower[i] - upper[i]);
+    for (int i = 0; i < columns; ++i) {
+        const float left = between[column[i]], right = between[column[i] + 1];
+        out[i] = left + fraction[i] * (right - left);
+    }
+}
 
 // Where a row of opacities is not zero.
 FEWRAYS_CLONES Span occupied(const float* row, int columns) {
@@ -157,73 +201,66 @@ FEWRAYS_CLONES Span occupied(const float* row, int columns) {
     return {first, std::max(first, end)};
 }
 
-// Reads the maps of coarse layers between their bins, at every pixel of a rectangle.
+// Reads a coarse layer's map between its bins, at every pixel of a rectangle.
 class Magnifier {
 public:
-    explicit Magnifier(int map_tile) : map_tile_(map_tile) {}
-
-    // Fills `map`, whose first pixel is at (left, top) of the image.
-    void run(const CoarseMap& coarse, int level, int left, int top, int rows, int columns, FilteredMap& map) {
-        place(left, columns, level, coarse.columns * map_tile_, column_, column_fraction_);
-        place(top, rows, level, coarse.rows * map_tile_, row_, row_fraction_);
+    // Fills `map`. The first of the `rows` x `columns` pixels lies `row` and `column` pixels from the first bin's
+    // corner; load(channel, row, first, count, out) reads bins.
+    template <typename Load>
+    void run(int level, int row, int column, int rows, int columns, FilteredMap& map, Load&& load) {
+        place(column, columns, level, column_, column_fraction_);
+        place(row, rows, level, row_, row_fraction_);
         const int first = column_.front(), cells = column_.back() + 2 - first;
-        for (int& column : column_) column -= first;
-        const int width = (columns + columns_at_once - 1) / columns_at_once * columns_at_once;
-        map.resize(rows, width);
-        upper_.resize(cells);
-        lower_.resize(cells);
-        between_.resize(cells);
+        for (int& each : column_) each -= first;
+        map.resize(rows, (columns + columns_at_once - 1) / columns_at_once * columns_at_once);
+        for (auto* line : {&upper_, &lower_, &between_}) line->resize(cells);
         for (int channel = 0; channel < channel_count; ++channel) {
             int loaded = -1;
-            for (int row = 0; row < rows; ++row) {
-                if (row_[row] != loaded) {
-                    load(coarse, channel, row_[row], first, cells, upper_.data());
-                    load(coarse, channel, row_[row] + 1, first, cells, lower_.data());
-                    loaded = row_[row];
+            for (int i = 0; i < rows; ++i) {
+                if (row_[i] == loaded + 1 && loaded >= 0) {
+                    upper_.swap(lower_);
+                    load(channel, row_[i] + 1, first, cells, lower_.data());
+                } else if (row_[i] != loaded) {
+                    load(channel, row_[i], first, cells, upper_.data());
+                    load(channel, row_[i] + 1, first, cells, lower_.data());
                 }
-                for (int i = 0; i < cells; ++i) between_[i] = upper_[i] + row_fraction_[row] * (lower_[i] - upper_[i]);
-                float* const out = map.channel(channel) + std::ptrdiff_t{row} * width;
-                for (int i = 0; i < columns; ++i) {
-                    const float* const pair = &between_[column_[i]];
-                    out[i] = pair[0] + column_fraction_[i] * (pair[1] - pair[0]);
-                }
+                loaded = row_[i];
+                magnify_row(upper_.data(), lower_.data(), cells, row_fraction_[i], between_.data(), column_.data(),
+                            column_fraction_.data(), columns, map.channel(channel) + std::ptrdiff_t{i} * map.stride);
             }
         }
     }
 
 private:
     // Where pixels lie among the centres of bins.
-    static void place(int first, int count, int level, int limit, std::vector<int>& cell, std::vector<float>& fraction) {
+    static void place(int first, int count, int level, std::vector<int>& cell, std::vector<float>& fraction) {
         cell.resize(count);
         fraction.resize(count);
         const float size = static_cast<float>(1 << level);
         for (int i = 0; i < count; ++i) {
-            const float position =
-                (static_cast<float>(first + i) + 0.5f) / size - 0.5f + static_cast<float>(coarse_margin);
-            const float inside = std::min(std::max(position, 0.0f), static_cast<float>(limit) - 1.001f);
-            cell[i] = static_cast<int>(inside);
-            fraction[i] = inside - static_cast<float>(cell[i]);
+            const float position = std::max((static_cast<float>(first + i) + 0.5f) / size - 0.5f, 0.0f);
+            cell[i] = static_cast<int>(position);
+            fraction[i] = position - static_cast<float>(cell[i]);
         }
     }
 
-    // Copies a piece of a row of bins out of the tiles that hold it.
-    void load(const CoarseMap& coarse, int channel, int row, int first, int count, float* out) const {
-        const std::ptrdiff_t area = std::ptrdiff_t{map_tile_} * map_tile_;
-        for (int i = 0; i < count;) {
-            const int column = first + i, in_tile = column % map_tile_;
-            const int run = std::min(count - i, map_tile_ - in_tile);
-            const std::ptrdiff_t tile = std::ptrdiff_t{row / map_tile_} * coarse.columns + column / map_tile_;
-            const float* const source = coarse.values + (tile * channel_count + channel) * area +
-                                        std::ptrdiff_t{row % map_tile_} * map_tile_ + in_tile;
-            std::memcpy(out + i, source, sizeof(float) * static_cast<std::size_t>(run));
-            i += run;
-        }
-    }
-
-    const int map_tile_;
     std::vector<int> column_, row_;
     std::vector<float> column_fraction_, row_fraction_, upper_, lower_, between_;
 };
+
+// Copies a piece of a row of bins out of the tiles of a map that hold it.
+void load_bins(const CoarseMap& map, int map_tile, int channel, int row, int first, int count, float* out) {
+    const std::ptrdiff_t area = std::ptrdiff_t{map_tile} * map_tile;
+    for (int i = 0; i < count;) {
+        const int column = first + i, in_tile = column % map_tile;
+        const int run = std::min(count - i, map_tile - in_tile);
+        const std::ptrdiff_t tile = std::ptrdiff_t{row / map_tile} * map.columns + column / map_tile;
+        const float* const source =
+            map.values + (tile * channel_count + channel) * area + std::ptrdiff_t{row % map_tile} * map_tile + in_tile;
+        std::memcpy(out + i, source, sizeof(float) * static_cast<std::size_t>(run));
+        i += run;
+    }
+}
 
 // One thread's working memory, and the stages of a tile in the order in which they run.
 class TileReconstruction {
@@ -234,7 +271,6 @@ public:
           plan_(plan),
           coarse_(coarse, coarse + coarse_count),
           layer_maps_(samples, blocks, plan),
-          magnifier_(plan.map_tile),
           width_((plan.tile + columns_at_once - 1) / columns_at_once * columns_at_once),
           transmittance_(std::size_t{3} * strip_rows * width_),
           sums_(std::size_t{4} * plan.tile * width_) {
@@ -260,37 +296,71 @@ private:
         int layer;
         float slope;
         bool near;
-        int left, top, columns;  // of the map, relative to the tile, in pixels
+        int left, top, rows, columns;  // of the map, relative to the tile, in pixels
+        int target;                    // of `targets_` that it comes from, or -1
+        FilteredMap* magnified;
         const FilteredMap* map;
         std::vector<Span> spans;  // of each row of the map, where the layer is not transparent
     };
 
     void find_maps(int left, int top) {
         const auto x = static_cast<float>(left), y = static_cast<float>(top), side = static_cast<float>(plan_.tile);
-        std::vector<LayerTarget> all = layer_maps_.layers_near({x, x + side, y, y + side}, -1, near_to_coarse);
+        std::vector<LayerTarget> all = layer_maps_.layers_near({x, x + side, y, y + side}, -1, any_level);
         layers_.clear();
         targets_.clear();
-        maps_.resize(std::max(maps_.size(), all.size()));
-        coarse_maps_.resize(std::max(coarse_maps_.size(), all.size()));
+        filtered_.resize(std::max(filtered_.size(), all.size()));
+        magnified_.resize(std::max(magnified_.size(), all.size()));
         for (LayerTarget& target : all) {
+            const int level = plan_.levels[target.layer], size = level > 0 ? 1 << level : 1;
             const int border = target.near ? 0 : static_cast<int>(std::ceil(offset_ * std::fabs(target.slope))) + 1;
-            const int span = plan_.tile + 2 * border, level = plan_.levels[target.layer];
-            target.cell = 1.0f;
-            if (!target.want(static_cast<float>(-border), static_cast<float>(-border), span, span, x, y)) continue;
-            FilteredMap& map = level > 0 ? coarse_maps_[layers_.size()] : maps_[targets_.size()];
-            const int map_left = static_cast<int>(target.left), map_top = static_cast<int>(target.top);
-            layers_.push_back({target.layer, target.slope, target.near, map_left, map_top, target.columns, &map, {}});
-            if (level > 0)
-                magnifier_.run(coarse_map(target.layer), level, left + map_left, top + map_top, target.rows,
-                               target.columns, map);
-            else
+            const int bins = level > 0 ? (border + size / 2 + size - 1) / size : border;  // of the border
+            const auto corner = static_cast<float>(-bins * size);
+            const int span = (plan_.tile + size - 1) / size + 2 * bins;
+            if (!target.want(corner, corner, span, span, x, y)) continue;
+            // Pixels whose centres lie between those of bins.
+            TileLayer layer{target.layer, target.slope, target.near, static_cast<int>(target.left) + size / 2,
+                            static_cast<int>(target.top) + size / 2, target.rows * size - size + (level <= 0),
+                            target.columns * size - size + (level <= 0), -1, &magnified_[layers_.size()], nullptr, {}};
+            layer.map = layer.magnified;
+            if (layer.rows <= 0 || layer.columns <= 0) continue;
+            if (level > plan_.deepest_tile_level) {
+                magnify_coarse(layer, level, left, top);
+            } else {
+                layer.target = static_cast<int>(targets_.size());
                 targets_.push_back(std::move(target));
+            }
+            layers_.push_back(std::move(layer));
         }
-        layer_maps_.filter(targets_, x, y, maps_);
-        for (TileLayer& layer : layers_)
-            for (int row = 0; row < layer.map->rows; ++row)
+        layer_maps_.filter(targets_, x, y, filtered_);
+        for (TileLayer& layer : layers_) {
+            if (layer.target >= 0) take_filtered(layer);
+            for (int row = 0; row < layer.rows; ++row)
                 layer.spans.push_back(
                     occupied(layer.map->channel(opacity) + std::ptrdiff_t{row} * layer.map->stride, layer.columns));
+        }
+    }
+
+    void magnify_coarse(const TileLayer& layer, int level, int left, int top) {
+        const CoarseMap& map = coarse_map(layer.layer);
+        const int margin = coarse_margin << level;
+        magnifier_.run(level, top + layer.top + margin, left + layer.left + margin, layer.rows, layer.columns,
+                       *layer.magnified, [&](int channel, int row, int first, int count, float* out) {
+                           load_bins(map, plan_.map_tile, channel, row, first, count, out);
+                       });
+    }
+
+    void take_filtered(TileLayer& layer) {
+        const FilteredMap& map = filtered_[layer.target];
+        const int level = plan_.levels[layer.layer], half = (1 << level) / 2;
+        if (level <= 0) {
+            layer.map = &map;
+            return;
+        }
+        magnifier_.run(level, half, half, layer.rows, layer.columns, *layer.magnified,
+                       [&](int channel, int row, int first, int count, float* out) {
+                           const float* const bins = map.channel(channel) + std::ptrdiff_t{row} * map.stride + first;
+                           std::copy(bins, bins + count, out);
+                       });
     }
 
     const CoarseMap& coarse_map(int layer) const {
@@ -307,7 +377,7 @@ private:
             for (std::size_t i = 0; i < layers_.size(); ++i) {
                 composite_layer(layers_[i], row, rows, u, v, weight,
                                 separately ? &layer_sums_[i * sums_.size()] : sums_.data());
-                if (largest(transmittance_.data(), area) < opaque) break;
+                if (i % 3 == 2 && largest(transmittance_.data(), area) < opaque) break;
             }
         }
     }
@@ -319,7 +389,7 @@ private:
         const float x = layer.near ? 0.0f : -layer.slope * u, y = layer.near ? 0.0f : -layer.slope * v;
         const int shift_x = static_cast<int>(std::floor(x)), shift_y = static_cast<int>(std::floor(y));
         const int top = std::max(layer.top - shift_y, row);
-        const int bottom = std::min(layer.top - shift_y + map.rows - beyond, row + rows);
+        const int bottom = std::min(layer.top - shift_y + layer.rows - beyond, row + rows);
         Span span{plan_.tile, 0};
         for (int i = top; i < bottom + beyond; ++i) {
             const Span& here = layer.spans[i + shift_y - layer.top];
@@ -390,7 +460,7 @@ private:
 
     std::vector<TileLayer> layers_;
     std::vector<LayerTarget> targets_;
-    std::vector<FilteredMap> maps_, coarse_maps_;
+    std::vector<FilteredMap> filtered_, magnified_;
     std::vector<float> transmittance_, sums_, layer_sums_;  // sums: opacity and radiance
 };
 
@@ -409,14 +479,15 @@ void block_layers(const Samples& samples, const LayeredPlan& plan, float margin,
         double sum;
         std::int32_t count;
     };
-    std::vector<Tally> tallies;  // two for each layer, and two for samples that no layer gets
+    constexpr int tallies_at_once = 4;
+    std::vector<Tally> tallies;  // of each layer, and of samples that no layer gets
     for (int cell = first * columns; cell < last * columns; ++cell) {
         const int top = cell / columns * block, left = cell % columns * block;
         const int i_end = std::min(top + block, samples.height), j_end = std::min(left + block, samples.width);
         Extent box{infinity, -infinity, infinity, -infinity};
-        tallies.assign(2 * plan.layer_count + 2, {0.0, 0});
+        tallies.assign(std::size_t{tallies_at_once} * (plan.layer_count + 1), {0.0, 0});
         std::int32_t* const counts = output.counts + std::ptrdiff_t{cell} * plan.layer_count;
-        double* const slope_sums = output.slope_sums + std::ptrdiff_t{cell} * plan.layer_count;
+        float* const slope_sums = output.slope_sums + std::ptrdiff_t{cell} * plan.layer_count;
         for (int i = top; i < i_end; ++i) {
             const std::ptrdiff_t row = std::ptrdiff_t{i} * samples.width;
             const std::ptrdiff_t begin = (row + left) * samples.spp;
@@ -424,27 +495,22 @@ void block_layers(const Samples& samples, const LayeredPlan& plan, float margin,
             slopes.resize(n);
             layers.resize(n);
             find_layers(samples.depth + begin, n, samples.c0, samples.c1, lookup, slopes.data(), layers.data());
-            const float* const xy = samples.xy + 2 * begin;
+            survey_run(samples.xy + 2 * begin, n, -margin, right, bottom, plan.layer_count, box, slopes.data(),
+                       layers.data());
+            // Several tallies in turn, so that none is waited for.
             for (int k = 0; k < n; ++k) {
-                const float x = xy[2 * k], y = xy[2 * k + 1];
-                const bool near_image = x >= -margin && x <= right && y >= -margin && y <= bottom;
-                box.x_min = std::min(box.x_min, near_image ? x : infinity);
-                box.x_max = std::max(box.x_max, near_image ? x : -infinity);
-                box.y_min = std::min(box.y_min, near_image ? y : infinity);
-                box.y_max = std::max(box.y_max, near_image ? y : -infinity);
-                slopes[k] = std::min(std::max(slopes[k], -max_slope), max_slope);
-                layers[k] = near_image ? layers[k] : plan.layer_count;
-            }
-            // Two tallies in turn, so that one is not waited for.
-            for (int k = 0; k < n; ++k) {
-                Tally& tally = tallies[2 * layers[k] + k % 2];
+                Tally& tally = tallies[tallies_at_once * layers[k] + k % tallies_at_once];
                 ++tally.count;
                 tally.sum += double{slopes[k]};
             }
         }
         for (int layer = 0; layer < plan.layer_count; ++layer) {
-            counts[layer] = tallies[2 * layer].count + tallies[2 * layer + 1].count;
-            slope_sums[layer] = tallies[2 * layer].sum + tallies[2 * layer + 1].sum;
+            double sum = 0;
+            for (int i = 0; i < tallies_at_once; ++i) {
+                counts[layer] += tallies[tallies_at_once * layer + i].count;
+                sum += tallies[tallies_at_once * layer + i].sum;
+            }
+            slope_sums[layer] = static_cast<float>(sum);
         }
         output.extents[cell] = box;
     }

@@ -13,6 +13,7 @@ struct LayeredPlan {
     int layer_count;
     const float* boundaries;     // (layer_count - 1): slopes where one layer ends and the next begins, ascending
     const std::int32_t* levels;  // (layer_count): bins of 2^level pixels; -1: near focus, fractions of a pixel
+    int deepest_tile_level;      // layers up to this level are filtered tile by tile, others as maps of the image
     const float* reaches;        // (layer_count): largest |slope| of a sample
     double pixel_variance;       // of the pixel filter along one axis, in pixels²
     double aperture_variance;    // of the aperture along one axis, in lens units²
@@ -28,14 +29,14 @@ struct BlockLayers {
     int block;                   // side in pixels
     const Extent* extents;       // (rows, columns)
     const std::int32_t* counts;  // (rows, columns, layer_count): samples
-    const double* slope_sums;    // (rows, columns, layer_count)
+    const float* slope_sums;    // (rows, columns, layer_count)
 };
 
 struct BlockLayersOutput {
     int block;
     Extent* extents;
     std::int32_t* counts;
-    double* slope_sums;
+    float* slope_sums;
 };
 
 // The filtered map of a coarse layer over the image and some bins around it, tile after tile:

@@ -152,6 +152,24 @@ def test_steps_at_tile_borders_stand_out_in_the_true_grid_only(load_module: Any)
     assert ratios[1:].max() < 1.1
 
 
+def test_a_line_is_compared_with_itself_whatever_the_image_shows_there(load_module: Any) -> None:
+    seams = load_module("seams")
+    rng = np.random.default_rng(6)
+    content = rng.normal(0, 1, (130, 1, 3)) * np.ones((1, 100, 1)) * (np.arange(130) % 16 == 3)[:, None, None]
+    start, tile = 9, 16
+
+    def seamed(size: float, phase: int) -> Any:
+        row, column = ((start + np.arange(n) - phase) // tile for n in content.shape[:2])
+        noise = rng.normal(0, 0.1, content.shape)
+        return content + noise + size * ((row[:, None] + column) % 2)[..., None]
+
+    ratio, uncertainty = seams.paired_ratio(seamed(0.0, 0), seamed(0.0, 8), start, tile)
+    assert ratio == pytest.approx(1, abs=4 * uncertainty)
+    assert uncertainty < 0.05
+    ratio, _ = seams.paired_ratio(seamed(0.3, 0), seamed(0.3, 8), start, tile)
+    assert ratio > 1.2
+
+
 def test_a_frame_that_pops_stands_out_of_steady_change(load_module: Any) -> None:
     popping = load_module("popping")
     rng = np.random.default_rng(4)
@@ -187,6 +205,7 @@ def test_lost_light_and_sparkle_are_told_apart(load_module: Any) -> None:
     found = lights.behaviour("box", [dim, sparkling], truth, footprint)
     np.testing.assert_allclose(found.totals, [0.9, 1.025])
     assert (found.outside, found.inside, found.least) == (pytest.approx(0.1), 0.0, 0.0)
+    assert found.systematic == pytest.approx(0.05)
 
 
 def test_a_window_on_a_plane_shows_what_the_whole_image_does(load_module: Any) -> None:

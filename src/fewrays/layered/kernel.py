@@ -6,13 +6,14 @@ import numpy as np
 import numpy.typing as npt
 
 from fewrays import _native
-from fewrays.layered.plan import MAP_MARGIN, MAX_SLOPE, Plan
+from fewrays.layered.plan import DEEPEST_TILE_LEVEL, Plan
 from fewrays.parallel import Execution, map_ranges
 from fewrays.samples import SampleBuffer
 
 __all__ = ["reconstruct_tiles"]
 
-_BLOCK = 16  # side of the blocks of pixels that are surveyed, in pixels
+_FINEST_BLOCK = 8  # side of the blocks of pixels that are surveyed, in pixels
+_SURVEY_BYTES = 2**25  # what the survey of an image may take; larger images get larger blocks
 
 
 def reconstruct_tiles(
@@ -33,6 +34,7 @@ def reconstruct_tiles(
         map_tile=plan.map_tile,
         boundaries=plan.slabs.boundaries,
         levels=plan.slabs.levels,
+        deepest_tile_level=DEEPEST_TILE_LEVEL,
         reaches=plan.slabs.reaches,
         pixel_variance=plan.pixel_variance,
         aperture_variance=plan.aperture_variance,
@@ -53,6 +55,14 @@ def reconstruct_tiles(
     )
 
 
+def block_size(plan: Plan) -> int:
+    """Side of the blocks that the survey looks at, in pixels."""
+    block = _FINEST_BLOCK
+    while plan.height * plan.width * plan.slabs.count * 8 > _SURVEY_BYTES * block**2:
+        block *= 2
+    return block
+
+
 def _survey(
     samples: SampleBuffer,
     view: _native.Samples,
@@ -61,20 +71,21 @@ def _survey(
     execution: Execution,
 ) -> _native.BlockLayers:
     """Find out which layers every block of pixels has, and where its samples lie."""
-    shape = (-(-plan.height // _BLOCK), -(-plan.width // _BLOCK))
+    block = block_size(plan)
+    shape = (-(-plan.height // block), -(-plan.width // block))
     extents = np.empty((*shape, 4), np.float32)
     counts = np.zeros((*shape, plan.slabs.count), np.int32)
-    slope_sums = np.zeros((*shape, plan.slabs.count), np.float64)
+    slope_sums = np.zeros((*shape, plan.slabs.count), np.float32)
     margin = 4 * float(plan.slabs.reaches.max()) + 64.0  # no sample farther out reaches the image
     map_ranges(
         lambda first, last: _native.block_layers(
-            view, native_plan, margin, first, last, _BLOCK, extents, counts, slope_sums
+            view, native_plan, margin, first, last, block, extents, counts, slope_sums
         ),
         shape[0],
         execution,
         label="survey",
     )
-    return _native.BlockLayers(_BLOCK, extents, counts, slope_sums)
+    return _native.BlockLayers(block, extents, counts, slope_sums)
 
 
 def _coarse_maps(
@@ -86,7 +97,7 @@ def _coarse_maps(
 ) -> list[_native.CoarseMap]:
     """Filter the layers that are blurred enough for bins of several pixels."""
     maps = []
-    for level in range(1, int(plan.slabs.levels.max(initial=0)) + 1):
+    for level in range(DEEPEST_TILE_LEVEL + 1, int(plan.slabs.levels.max(initial=0)) + 1):
         rows, columns = plan.map_tiles(level)
         # Fresh zeros take no memory before they are written, so tiles that lack a layer cost nothing.
         of_level = [

@@ -10,13 +10,16 @@ from fewrays.layered.aperture import ApertureParts, aperture_variance
 from fewrays.layered.slabs import Slabs
 from fewrays.samples import SampleBuffer
 
-__all__ = ["MAP_MARGIN", "MAX_SLOPE", "Plan"]
+__all__ = ["DEEPEST_TILE_LEVEL", "MAP_MARGIN", "MAX_SLOPE", "Plan"]
 
 MAX_SLOPE = 2.0**15
 """Slopes beyond this count as this, in pixels: such samples are spread over far more than any image."""
 
 MAP_MARGIN = 12
 """Bins of a coarse layer's map around the image."""
+
+DEEPEST_TILE_LEVEL = 1
+"""Layers of bins up to this level are filtered tile by tile; those of coarser bins as maps of the whole image."""
 
 _SEEN = 1 / 8  # of the samples per pixel: what makes a bin known
 

@@ -16,19 +16,20 @@ p + C u. So one map of a surface, as the lens centre sees it, holds its image fr
 
 Layers near focus hardly move over the lens. Their maps are blurred by the whole aperture at once and not moved, on
 bins of a third of a pixel so that edges in focus stay sharp. Layers far from focus are blurred by many pixels and
-get by with bins of 2, 4, 8 … pixels (`_coarse_maps`), magnified when a tile needs them (`_magnify`).
+get by with bins of 2, 4, 8 … pixels, magnified when a tile needs them (`_magnify`); where bins are many pixels, one
+map serves the whole image (`_coarse_maps`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Container, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from fewrays.layered.plan import MAP_MARGIN, MAX_SLOPE, Plan
+from fewrays.layered.plan import DEEPEST_TILE_LEVEL, MAP_MARGIN, MAX_SLOPE, Plan
 from fewrays.layered.slabs import NEAR
 from fewrays.layered.taps import TAPS_REACH, gaussian_taps, taps_radius
 from fewrays.parallel import Execution, progress_bar
@@ -232,8 +233,8 @@ def _blur_variance(layer: _Layer, plan: Plan) -> float:
 
 
 def _can_show(layer: _Layer, plan: Plan, area: _Window) -> bool:
-    """Whether a layer's blurred samples can reach an area at all."""
-    bin_size = 1 / NEAR_BINS if layer.level == NEAR else 2.0**layer.level
+    """Whether a layer's blurred samples can reach an area of its cells at all."""
+    bin_size = area.cell / NEAR_BINS if layer.level == NEAR else area.cell
     around = taps_radius(_blur_variance(layer, plan)) * bin_size + 2 * area.cell
     start = np.array([area.left, area.top])
     end = start + area.cell * np.array([area.columns, area.rows])
@@ -325,7 +326,7 @@ def _blur_matrix(taps: Float64, cells: int, bins: int) -> Float64:
 
 
 def _coarse_maps(samples: _Flat, survey: _Survey, plan: Plan) -> dict[int, Float64]:
-    """Filter the layers that are blurred enough for bins of several pixels.
+    """Filter the layers that are blurred so much that their reach is more than a tile.
 
     Returns
     -------
@@ -334,31 +335,46 @@ def _coarse_maps(samples: _Flat, survey: _Survey, plan: Plan) -> dict[int, Float
     """
     maps: dict[int, Float64] = {}
     side = plan.map_tile
-    for level in range(1, int(plan.slabs.levels.max(initial=0)) + 1):
-        rows, columns = plan.map_tiles(level)
-        for row, column in np.ndindex(rows, columns):
-            cell = 2.0**level
-            corner = (np.array([column, row]) * side - MAP_MARGIN) * cell
-            window = _Window(float(corner[0]), float(corner[1]), cell, side, side)
-            here = np.s_[:, row * side : (row + 1) * side, column * side : (column + 1) * side]
-            for layer in _layers_near(survey, plan, window, [level]):
-                whole = maps.setdefault(layer.index, np.zeros((5, rows * side, columns * side)))
-                whole[here] = _filter(samples, layer, plan, window)
+    for level in range(DEEPEST_TILE_LEVEL + 1, int(plan.slabs.levels.max(initial=0)) + 1):
+        cell = 2.0**level
+        height, width = (math.ceil(pixels / cell) + 2 * MAP_MARGIN for pixels in (plan.height, plan.width))
+        for tile in np.ndindex(plan.map_tiles(level)):
+            top, left = (index * side for index in tile)
+            area = _Window((left - MAP_MARGIN) * cell, (top - MAP_MARGIN) * cell, cell, side, side)
+            needed = replace(area, rows=min(side, height - top), columns=min(side, width - left))
+            here = np.s_[:, top : top + needed.rows, left : left + needed.columns]
+            for layer in _layers_near(survey, plan, area, [level]):
+                whole = maps.setdefault(layer.index, np.zeros((5, height, width)))
+                whole[here] = _filter(samples, layer, plan, needed)
     return maps
 
 
-def _magnify(coarse: Float64, level: int, window: _Window) -> Float64:
-    """Read a coarse map at the centres of a window's pixels, linearly between the centres of bins."""
+def _magnify(bins: Float64, size: float, row: int, column: int, shape: tuple[int, int]) -> Float64:
+    """Read a map at the centres of pixels, linearly between the centres of bins.
 
-    def place(first: float, count: int, limit: int) -> tuple[npt.NDArray[np.intp], Float64]:
-        position = (first + np.arange(count) + 0.5) / 2**level - 0.5 + MAP_MARGIN
-        position = np.clip(position, 0.0, limit - 1.001)
+    Parameters
+    ----------
+    bins : ndarray, (5, bin rows, bin columns)
+    size : float
+        Side of a bin in pixels.
+    row, column : int
+        Where the corner of the first pixel is, in pixels from that of the first bin.
+    shape : (int, int)
+        Rows and columns of pixels.
+
+    Returns
+    -------
+    ndarray, (5, *shape)
+    """
+
+    def place(first: int, count: int) -> tuple[npt.NDArray[np.intp], Float64]:
+        position = (first + np.arange(count) + 0.5) / size - 0.5
         return position.astype(np.intp), position % 1
 
-    row, down = place(window.top, window.rows, coarse.shape[1])
-    column, along = place(window.left, window.columns, coarse.shape[2])
-    between = (1 - down[:, None]) * coarse[:, row] + down[:, None] * coarse[:, row + 1]
-    return np.asarray((1 - along) * between[..., column] + along * between[..., column + 1])
+    upper, down = place(row, shape[0])
+    left, along = place(column, shape[1])
+    between = (1 - down[:, None]) * bins[:, upper] + down[:, None] * bins[:, upper + 1]
+    return np.asarray((1 - along) * between[..., left] + along * between[..., left + 1])
 
 
 # A tile of the image.
@@ -375,38 +391,63 @@ def _reconstruct_tile(
 ) -> tuple[list[_Layer], Float64]:
     """Layers of a tile, and what each adds to it: opacity and radiance, ``(layers, 4, rows, columns)``."""
     rows, columns = _pixels_of_tile(plan, tile)
-    area = _Window(columns.start, rows.start, 1.0, plan.tile, plan.tile)
+    shape = (rows.stop - rows.start, columns.stop - columns.start)
+    whole = _Window(columns.start, rows.start, 1.0, plan.tile, plan.tile)
+    visible = replace(whole, rows=shape[0], columns=shape[1])
     farthest_part = float(np.abs(plan.aperture.parts[:, :2]).max())
     layers, maps, borders = [], [], []
-    for layer in _layers_near(survey, plan, area, range(NEAR, 100)):
+    for layer in _layers_near(survey, plan, whole, range(NEAR, 100)):
         # Pixels around the tile that some part of the aperture sees in it.
         border = 0 if layer.level == NEAR else math.ceil(farthest_part * abs(layer.slope)) + 1
-        if not _can_show(layer, plan, _grown(area, border)):
-            continue
-        seen = _Window(area.left, area.top, 1.0, rows.stop - rows.start, columns.stop - columns.start)
-        window = _grown(seen, border)
-        if layer.level > 0:
-            maps.append(_magnify(coarse[layer.index], layer.level, window))
-        else:
-            maps.append(_filter(samples, layer, plan, window))
-        layers.append(layer)
-        borders.append(border)
+        if _can_show(layer, plan, _bins_around(whole, border, layer.level)):
+            layers.append(layer)
+            borders.append(border)
+            maps.append(_map_of_tile(samples, coarse, plan, layer, visible, border))
 
-    sums = np.zeros((len(layers), 4, rows.stop - rows.start, columns.stop - columns.start))
+    sums = np.zeros((len(layers), 4, *shape))
     for u, v, weight in plan.aperture.parts.astype(np.float64):
-        visibility = _Visibility.of_everything(sums.shape[2:])
+        visibility = _Visibility.of_everything(shape)
         for layer, layer_map, border, layer_sums in zip(layers, maps, borders, sums, strict=True):
             if layer.level == NEAR:
                 layer_sums += weight * _composite_near(layer_map, visibility)
             else:
-                cell = _read(layer_map, border - layer.slope * u, border - layer.slope * v, sums.shape[2:])
+                cell = _read(layer_map, border - layer.slope * u, border - layer.slope * v, shape)
                 layer_sums += weight * _composite(cell, -layer.slope * plan.aperture.sigma, visibility)
     return layers, sums
 
 
-def _grown(window: _Window, border: int) -> _Window:
+def _map_of_tile(
+    samples: _Flat, coarse: dict[int, Float64], plan: Plan, layer: _Layer, visible: _Window, border: int
+) -> Float64:
+    """Map of a layer on the pixels of a tile and those around it, ``(5, …)``."""
+    shape = (visible.rows + 2 * border, visible.columns + 2 * border)
+    size = 2**layer.level
+    if layer.level > DEEPEST_TILE_LEVEL:
+        margin = MAP_MARGIN * size - border
+        return _magnify(
+            coarse[layer.index], size, int(visible.top) + margin, int(visible.left) + margin, shape
+        )
+    window = _bins_around(visible, border, layer.level)
+    filtered = _filter(samples, layer, plan, window)
+    if layer.level <= 0:
+        return filtered
+    margin = int(visible.top - window.top) - border
+    return _magnify(filtered, size, margin, margin, shape)
+
+
+def _bins_around(area: _Window, border: int, level: int) -> _Window:
+    """Return the bins that an area's pixels and a border around them lie in, or near focus the pixels.
+
+    The centres of the outermost pixels lie between those of bins.
+    """
+    size = 2 ** max(level, 0)
+    around = math.ceil((border + size // 2) / size)
     return _Window(
-        window.left - border, window.top - border, 1.0, window.rows + 2 * border, window.columns + 2 * border
+        left=area.left - around * size,
+        top=area.top - around * size,
+        cell=size,
+        rows=math.ceil(area.rows / size) + 2 * around,
+        columns=math.ceil(area.columns / size) + 2 * around,
     )
 
 
