@@ -167,8 +167,8 @@ def section(measured: Sequence[Measured], picture: str) -> Iterator[str]:
         "hit, weighted by the aperture. *Over the samples' total* divides each image's sum by that of the "
         "plain average of the same samples. *Excess* is the largest value by which any pixel of any seed "
         "exceeds the truth, as a share of the truth's peak: beyond the light's footprint, which neither lens "
-        "nor pixel filter can leave, and within it. *Systematic* is the largest "
-        "error of the mean over all seeds, as a share of the peak: what is wrong with the light's shape."
+        "nor pixel filter can leave, and within it. *Systematic* is the largest error of the mean over all "
+        "seeds, as a share of the peak: what is wrong with the light's shape."
     )
     head = [
         "light",

@@ -17,12 +17,14 @@ import fewrays
 from contenders import OURS, PLAIN, PUBLISHED, RIVALS, make_image, pixel_filter_of
 from example_renders import SAMPLINGS, Reference, how_to_render, load_references, samples_file
 from fewrays.baselines.accumulation import FilterShape
+from foundation import COMMIT, foundation_file
 from report import markdown_table
 from scores import Score, score
 
 __all__ = ["SPP", "PlainLaw", "SampleCounts", "measure_counts", "plain_law", "section"]
 
 SPP = (1, 2, 4, 8, 16)
+_FIRST = f"{OURS}, commit {COMMIT}"
 _LENS_NAMES = {"square": "*square*", "gaussian": "*aperture*"}
 
 
@@ -87,6 +89,10 @@ def measure_counts(folder: Path, scene: str) -> SampleCounts:
             if sampling == "square":
                 for algorithm in RIVALS:
                     scores[algorithm][spp] = _score_of(algorithm, samples, references)
+        first = foundation_file(folder, scene, spp)
+        if first.exists():
+            image = fewrays.load_image(first)
+            scores.setdefault(_FIRST, {})[spp] = score(image, references[pixel_filter_of(OURS)])
     return SampleCounts(scene, scores, plain)
 
 
@@ -122,7 +128,8 @@ def section(measured: Sequence[SampleCounts]) -> Iterator[str]:
     yield "## Samples per pixel"
     yield (
         "PSNR in dB after clip to [0, 1] and gamma 2.2 of images of *square* samples; in brackets with the "
-        "reference's noise taken out. Every image is compared with the reference of its own pixel filter."
+        "reference's noise taken out. Every image is compared with the reference of its own pixel filter. "
+        f"The first version, commit `{COMMIT}`, joins where its images have been made as told above."
     )
     yield (
         "Below it, how many samples per pixel plain averaging (`box`) needs for the PSNR of "

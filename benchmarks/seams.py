@@ -23,7 +23,7 @@ from workloads import LEAF_LENS, leaf_stack
 __all__ = ["Seam", "jump_ratios", "measure_seams", "paired_ratio", "section", "verdict"]
 
 SPP, TRUTH_SPP = 8, 256
-SIZE = (288, 448)  # height and width of the analytic scenes in pixels
+SIZE = (288, 384)  # height and width of the analytic scenes in pixels
 TARGET = 1.05
 _EDGE = 32  # pixels
 _METHODS = (OURS, PUBLISHED)
@@ -164,7 +164,7 @@ def _scenes(renders: Path) -> Iterator[tuple[str, fewrays.SampleBuffer, Image]]:
         path = samples_file(renders, name, "square", SPP)
         if path.exists():
             yield f"example {name}", fewrays.load(path), load_references(renders, name)["gaussian"].image
-    for name, stack in (("planes of leaves", leaf_stack(*SIZE)), ("scattered discs", _discs())):
+    for name, stack in (("planes of leaves", leaf_stack(*SIZE, planes=10)), ("scattered discs", _discs())):
         truth = reference(stack, LEAF_LENS, *SIZE, spp=TRUTH_SPP)
         yield name, sample(stack, LEAF_LENS, *SIZE, SPP), truth
 

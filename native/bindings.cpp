@@ -145,7 +145,7 @@ NB_MODULE(_native, m) {
                Array<const std::int32_t, -1> levels, int deepest_tile_level, Array<const float, -1> reaches,
                double pixel_variance,
                double aperture_variance, double part_variance, Array<const float, -1, 3> parts, float interpolation,
-               float seen) {
+               float full_weight, float seen) {
                 new (self) LayeredPlan{tile,
                                        map_tile,
                                        static_cast<int>(levels.shape(0)),
@@ -159,11 +159,12 @@ NB_MODULE(_native, m) {
                                        static_cast<int>(parts.shape(0)),
                                        parts.data(),
                                        interpolation,
+                                       full_weight,
                                        seen};
             },
             nb::keep_alive<1, 4>(), nb::keep_alive<1, 5>(), nb::keep_alive<1, 7>(), nb::keep_alive<1, 11>(),
             nb::kw_only(), "tile"_a, "map_tile"_a, "boundaries"_a, "levels"_a, "deepest_tile_level"_a, "reaches"_a, "pixel_variance"_a,
-            "aperture_variance"_a, "part_variance"_a, "parts"_a, "interpolation"_a, "seen"_a);
+            "aperture_variance"_a, "part_variance"_a, "parts"_a, "interpolation"_a, "full_weight"_a, "seen"_a);
     nb::class_<BlockLayers>(m, "BlockLayers")
         .def(
             "__init__",

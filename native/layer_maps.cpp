@@ -68,14 +68,17 @@ FEWRAYS_CLONES void find_keys(const float* FEWRAYS_RESTRICT depth, int n, float 
 }
 
 // Weighs every bin by how well it is known instead of by the samples in it, so that clusters of samples count no
-// more than their place: hits become shares of the bin, holes its weight.
-FEWRAYS_CLONES void weigh_by_place(float* FEWRAYS_RESTRICT hits, float* FEWRAYS_RESTRICT holes, int size, float seen) {
+// more than their place: hits become shares of the bin, holes its weight. `seen` is 1 where samples are enough to tell
+// that the place is not hidden.
+FEWRAYS_CLONES void weigh_by_place(float* FEWRAYS_RESTRICT hits, float* FEWRAYS_RESTRICT holes,
+                                   float* FEWRAYS_RESTRICT seen, int size, float for_weight, float for_seen) {
     for (int i = 0; i < size; ++i) {
         const float count = hits[hit_channels * i + 3] + holes[i];
-        const float weight = std::min(count / seen, 1.0f);
+        const float weight = std::min(count * for_weight, 1.0f);
         const float scale = weight / std::max(count, 1.0f);
         for (int channel = 0; channel < hit_channels; ++channel) hits[hit_channels * i + channel] *= scale;
         holes[i] = weight;
+        seen[i] = std::min(count * for_seen, 1.0f);
     }
 }
 
@@ -95,15 +98,18 @@ FEWRAYS_CLONES void separate(const float* FEWRAYS_RESTRICT hits, float* FEWRAYS_
     }
 }
 
-// Divides opacity and radiance by the weight that was blurred along with them, and scales that to what it would be
-// were every bin known.
-FEWRAYS_CLONES void normalise(float* FEWRAYS_RESTRICT weight, float* FEWRAYS_RESTRICT rest, std::ptrdiff_t plane,
-                              float scale) {
+// Divides opacity and radiance by the weight that was blurred along with them.
+FEWRAYS_CLONES void normalise(const float* FEWRAYS_RESTRICT weight, float* FEWRAYS_RESTRICT rest,
+                              std::ptrdiff_t plane) {
     for (std::ptrdiff_t i = 0; i < plane; ++i) {
         const float reciprocal = weight[i] > min_weight ? 1.0f / std::max(weight[i], min_weight) : 0.0f;
         for (int channel = 0; channel < channel_count - 1; ++channel) rest[channel * plane + i] *= reciprocal;
-        weight[i] = std::min(weight[i] * scale, 1.0f);
     }
+}
+
+// Scales how much is known to what it would be were nothing hidden.
+FEWRAYS_CLONES void scale_known(float* values, std::ptrdiff_t plane, float scale) {
+    for (std::ptrdiff_t i = 0; i < plane; ++i) values[i] = std::min(values[i] * scale, 1.0f);
 }
 
 int round_up(int n) { return (n + columns_at_once - 1) / columns_at_once * columns_at_once; }
@@ -370,35 +376,45 @@ void LayerMaps::scatter_batch(std::vector<LayerTarget>& targets, const std::vect
 // The columns first, while radiance and count of a bin still lie side by side; then, on the few rows that are left,
 // the rows.
 void LayerMaps::blur(LayerTarget& target, FilteredMap& map) {
-    const float seen = plan_.seen * target.cell * target.cell;
-    if (target.near)
+    if (target.near) {
         count_all(target.hits.data(), target.holes.data(), target.size);
-    else
-        weigh_by_place(target.hits.data(), target.holes.data(), target.size, seen);
-
+    } else {
+        seen_.resize(target.size);
+        const float samples = static_cast<float>(samples_.spp) * target.cell * target.cell;
+        weigh_by_place(target.hits.data(), target.holes.data(), seen_.data(), target.size,
+                       1 / (plan_.full_weight * samples), 1 / (plan_.seen * samples));
+    }
     make_taps(target);
     const int tap_count = 2 * target.radius + 1;
     const int first = target.margin * target.bins_per_cell + target.bins_per_cell / 2 - target.radius;
     const std::ptrdiff_t line = target.stride, plane = line * target.rows;
     columns_blurred_.resize(std::size_t{hit_channels} * plane + columns_at_once);
-    planes_.resize(std::size_t{channel_count} * plane + columns_at_once);
+    planes_.resize(std::size_t{hit_channels} * plane + columns_at_once);
+    weight_.resize(std::size_t(target.rows) * target.width);
+    map.resize(target.rows, target.width);
 
     for (int k = 0; k < tap_count; ++k) tap_rows_[k] = k * line;
-    blur_pass(&target.holes[first * line], target.bins_per_cell * line, planes_.data(), target.rows,
-              static_cast<int>(line), taps_.data(), tap_rows_.data(), tap_count);
+    const auto blur_plane = [&](const std::vector<float>& bins, float* out) {
+        blur_pass(&bins[first * line], target.bins_per_cell * line, planes_.data(), target.rows,
+                  static_cast<int>(line), taps_.data(), tap_rows_.data(), tap_count);
+        blur_pass(planes_.data(), line, out, target.rows, target.width, taps_.data(), tap_columns_.data(), tap_count);
+    };
+    blur_plane(target.holes, weight_.data());
+    if (!target.near) {
+        blur_plane(seen_, map.channel(known));
+        const double expected = static_cast<double>(samples_.spp) * target.cell * target.cell;
+        scale_known(map.channel(known), map.plane(), static_cast<float>(1 / (1 - std::exp(-expected))));
+    }
+
     for (int k = 0; k < tap_count; ++k) tap_rows_[k] = hit_channels * k * line;
     blur_pass(&target.hits[hit_channels * first * line], hit_channels * target.bins_per_cell * line,
               columns_blurred_.data(), target.rows, static_cast<int>(hit_channels * line), taps_.data(),
               tap_rows_.data(), tap_count);
-    separate(columns_blurred_.data(), planes_.data() + plane, plane, static_cast<int>(plane));
-
-    map.resize(target.rows, target.width);
-    for (int channel = 0; channel < channel_count; ++channel)
-        blur_pass(planes_.data() + channel * plane, line, map.channel(channel), target.rows, target.width, taps_.data(),
-                  tap_columns_.data(), tap_count);
-    const double expected = static_cast<double>(samples_.spp) * target.cell * target.cell;
-    const auto scale = static_cast<float>(1 / (1 - std::exp(-expected)));
-    normalise(map.channel(known), map.channel(opacity), map.plane(), scale);
+    separate(columns_blurred_.data(), planes_.data(), plane, static_cast<int>(plane));
+    for (int channel = 0; channel < hit_channels; ++channel)
+        blur_pass(planes_.data() + channel * plane, line, map.channel(opacity + channel), target.rows, target.width,
+                  taps_.data(), tap_columns_.data(), tap_count);
+    normalise(weight_.data(), map.channel(opacity), map.plane());
 }
 
 void LayerMaps::make_taps(const LayerTarget& target) {

@@ -21,7 +21,7 @@ struct FilteredMap {
     void resize(int new_rows, int new_stride) {
         rows = new_rows;
         stride = new_stride;
-        values.resize(std::size_t{channel_count} * rows * stride);
+        values.resize(std::size_t{channel_count} * rows * stride + 1);  // a pair of columns may begin at the last
     }
     std::ptrdiff_t plane() const { return std::ptrdiff_t{rows} * stride; }
     float* channel(int index) { return values.data() + index * plane(); }
@@ -86,7 +86,7 @@ private:
     std::vector<float> depth_, slope_, xy_, uv_, rgb_;   // in the order of samples
     std::vector<float> x_, y_, u_, v_, c_, color_;       // sorted
     std::vector<std::int32_t> key_, key_of_layer_, start_, middle_, cursor_, bins_;
-    std::vector<float> taps_, columns_blurred_, planes_;
+    std::vector<float> taps_, seen_, weight_, columns_blurred_, planes_;
     std::vector<std::ptrdiff_t> tap_rows_, tap_columns_;
 };
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <deque>
 #include <limits>
 #include <vector>
 
@@ -14,7 +15,9 @@
 namespace fewrays {
 namespace {
 
-constexpr int strip_rows = 16;  // rows of a tile that are composited at a time, to stay in the cache
+// Pixels that are composited at a time, to stay in the first cache.
+constexpr int patch_rows = 8, patch_columns = 64;
+constexpr int patch_area = patch_rows * patch_columns;
 constexpr float min_opacity = 1e-3f;
 constexpr float min_covered = 1e-3f;
 constexpr float opaque = 1e-6f;  // of what shows through less, not even a light is seen
@@ -29,8 +32,9 @@ struct LayerView {
 };
 
 // How much of what is behind shows, to first order in the place on the lens: a mean, and a slope for each standard
-// deviation of the part of the aperture; and the sums of what has shown so far. Rows of pixels.
-struct Strip {
+// deviation of the part of the aperture, in rows of `patch_columns`; and the sums of what has shown so far, in rows
+// of `stride`.
+struct Shown {
     float *mean, *along_u, *along_v;
     float *opacity, *red, *green, *blue;
     int rows, columns, stride;
@@ -58,8 +62,7 @@ FEWRAYS_INLINE void composite_row(const float* FEWRAYS_RESTRICT seen, const floa
                                   float* FEWRAYS_RESTRICT sum_green, float* FEWRAYS_RESTRICT sum_blue) {
     for (int i = 0; i < columns; ++i) {
         const float t = mean[i], u = along_u[i], v = along_v[i];
-        const float known_here = interpolate(seen[i], seen[i + 1], seen[i + stride], seen[i + stride + 1], fx, fy).value;
-        const float spare = (known_here - t) / std::max(1.0f - t, min_covered);
+        const float spare = (seen[i] - t) / std::max(1.0f - t, min_covered);
         const float counts = shear * std::min(std::max(spare, 0.0f), 1.0f);
         const float with_u = counts * u, with_v = counts * v;
 
@@ -91,13 +94,14 @@ FEWRAYS_CLONES float largest(const float* values, std::ptrdiff_t n) {
 // Adds a layer behind what is there: the mean over the part of visibility times radiance is the product of the means
 // plus the covariance, to first order. What no ray has seen behind a cover is known only where the cover lets it
 // through: there the means already belong together, so the covariance counts by how much more is known.
-FEWRAYS_CLONES void composite(const LayerView& view, const Strip& strip) {
-    for (int row = 0; row < strip.rows; ++row) {
-        const std::ptrdiff_t in = row * view.stride, out = std::ptrdiff_t{row} * strip.stride;
+FEWRAYS_CLONES void composite(const LayerView& view, const Shown& shown) {
+    for (int row = 0; row < shown.rows; ++row) {
+        const std::ptrdiff_t in = row * view.stride, behind = std::ptrdiff_t{row} * patch_columns,
+                             out = std::ptrdiff_t{row} * shown.stride;
         composite_row(view.channels[known] + in, view.channels[opacity] + in, view.channels[red] + in,
                       view.channels[green] + in, view.channels[blue] + in, view.stride, view.fraction_x,
-                      view.fraction_y, view.shear, strip.columns, strip.weight, strip.mean + out, strip.along_u + out,
-                      strip.along_v + out, strip.opacity + out, strip.red + out, strip.green + out, strip.blue + out);
+                      view.fraction_y, view.shear, shown.columns, shown.weight, shown.mean + behind, shown.along_u + behind,
+                      shown.along_v + behind, shown.opacity + out, shown.red + out, shown.green + out, shown.blue + out);
     }
 }
 
@@ -120,13 +124,14 @@ FEWRAYS_INLINE void composite_near_row(const float* FEWRAYS_RESTRICT covers, con
 }
 
 // The same for a layer near focus, which hardly moves over the lens.
-FEWRAYS_CLONES void composite_near(const LayerView& view, const Strip& strip) {
-    for (int row = 0; row < strip.rows; ++row) {
-        const std::ptrdiff_t in = row * view.stride, out = std::ptrdiff_t{row} * strip.stride;
+FEWRAYS_CLONES void composite_near(const LayerView& view, const Shown& shown) {
+    for (int row = 0; row < shown.rows; ++row) {
+        const std::ptrdiff_t in = row * view.stride, behind = std::ptrdiff_t{row} * patch_columns,
+                             out = std::ptrdiff_t{row} * shown.stride;
         composite_near_row(view.channels[opacity] + in, view.channels[red] + in, view.channels[green] + in,
-                           view.channels[blue] + in, strip.columns, strip.weight, strip.mean + out, strip.along_u + out,
-                           strip.along_v + out, strip.opacity + out, strip.red + out, strip.green + out,
-                           strip.blue + out);
+                           view.channels[blue] + in, shown.columns, shown.weight, shown.mean + behind, shown.along_u + behind,
+                           shown.along_v + behind, shown.opacity + out, shown.red + out, shown.green + out,
+                           shown.blue + out);
     }
 }
 
@@ -205,11 +210,12 @@ FEWRAYS_CLONES Span occupied(const float* row, int columns) {
 class Magnifier {
 public:
     // Fills `map`. The first of the `rows` x `columns` pixels lies `row` and `column` pixels from the first bin's
-    // corner; load(channel, row, first, count, out) reads bins.
+    // corner; load(channel, row, first, count, out) reads some of the `bin_rows` x `bin_columns` bins.
     template <typename Load>
-    void run(int level, int row, int column, int rows, int columns, FilteredMap& map, Load&& load) {
-        place(column, columns, level, column_, column_fraction_);
-        place(row, rows, level, row_, row_fraction_);
+    void run(int level, int row, int column, int rows, int columns, int bin_rows, int bin_columns, FilteredMap& map,
+             Load&& load) {
+        place(column, columns, level, bin_columns, column_, column_fraction_);
+        place(row, rows, level, bin_rows, row_, row_fraction_);
         const int first = column_.front(), cells = column_.back() + 2 - first;
         for (int& each : column_) each -= first;
         map.resize(rows, (columns + columns_at_once - 1) / columns_at_once * columns_at_once);
@@ -227,19 +233,23 @@ public:
                 loaded = row_[i];
                 magnify_row(upper_.data(), lower_.data(), cells, row_fraction_[i], between_.data(), column_.data(),
                             column_fraction_.data(), columns, map.channel(channel) + std::ptrdiff_t{i} * map.stride);
+                std::fill(map.channel(channel) + std::ptrdiff_t{i} * map.stride + columns,
+                          map.channel(channel) + std::ptrdiff_t{i + 1} * map.stride, 0.0f);
             }
         }
     }
 
 private:
     // Where pixels lie among the centres of bins.
-    static void place(int first, int count, int level, std::vector<int>& cell, std::vector<float>& fraction) {
+    static void place(int first, int count, int level, int limit, std::vector<int>& cell,
+                      std::vector<float>& fraction) {
         cell.resize(count);
         fraction.resize(count);
         const float size = static_cast<float>(1 << level);
         for (int i = 0; i < count; ++i) {
-            const float position = std::max((static_cast<float>(first + i) + 0.5f) / size - 0.5f, 0.0f);
-            cell[i] = static_cast<int>(position);
+            const float position =
+                std::clamp((static_cast<float>(first + i) + 0.5f) / size - 0.5f, 0.0f, static_cast<float>(limit - 1));
+            cell[i] = std::min(static_cast<int>(position), limit - 2);
             fraction[i] = position - static_cast<float>(cell[i]);
         }
     }
@@ -272,7 +282,7 @@ public:
           coarse_(coarse, coarse + coarse_count),
           layer_maps_(samples, blocks, plan),
           width_((plan.tile + columns_at_once - 1) / columns_at_once * columns_at_once),
-          transmittance_(std::size_t{3} * strip_rows * width_),
+          transmittance_(std::size_t{3} * patch_area),
           sums_(std::size_t{4} * plan.tile * width_) {
         for (int i = 0; i < plan.part_count; ++i)
             offset_ = std::max({offset_, std::fabs(plan.parts[3 * i]), std::fabs(plan.parts[3 * i + 1])});
@@ -286,21 +296,30 @@ public:
         std::fill(sums_.begin(), sums_.end(), 0.0f);
         if (output.contributions)
             layer_sums_.assign(layers_.size() * sums_.size(), 0.0f);
-        for (int row = 0; row < plan_.tile; row += strip_rows)
-            composite_strip(row, std::min(strip_rows, plan_.tile - row), output.contributions != nullptr);
+        for (int row = 0; row < plan_.tile; row += patch_rows)
+            for (int column = 0; column < plan_.tile; column += patch_columns)
+                composite_patch({row, std::min(row + patch_rows, plan_.tile), column,
+                                 std::min(column + patch_columns, plan_.tile)},
+                                output.contributions != nullptr);
         store(left, top, output);
     }
 
 private:
+    // A map and where it lies, relative to the tile, in pixels.
+    struct PlacedMap {
+        int left, top, rows, columns;
+        const FilteredMap* map;
+        std::vector<Span> spans;  // of each row, where the layer is not transparent
+    };
+
     struct TileLayer {
-        int layer;
+        int layer, level;
         float slope;
         bool near;
-        int left, top, rows, columns;  // of the map, relative to the tile, in pixels
-        int target;                    // of `targets_` that it comes from, or -1
-        FilteredMap* magnified;
-        const FilteredMap* map;
-        std::vector<Span> spans;  // of each row of the map, where the layer is not transparent
+        int target;                     // of `targets_` that it comes from, or -1
+        std::vector<PlacedMap> places;  // one for all parts of the aperture, or one for each
+
+        const PlacedMap& seen_from(int part) const { return places.size() > 1 ? places[part] : places.front(); }
     };
 
     void find_maps(int left, int top) {
@@ -308,109 +327,159 @@ private:
         std::vector<LayerTarget> all = layer_maps_.layers_near({x, x + side, y, y + side}, -1, any_level);
         layers_.clear();
         targets_.clear();
-        filtered_.resize(std::max(filtered_.size(), all.size()));
-        magnified_.resize(std::max(magnified_.size(), all.size()));
+        magnified_count_ = 0;
         for (LayerTarget& target : all) {
-            const int level = plan_.levels[target.layer], size = level > 0 ? 1 << level : 1;
+            const int level = plan_.levels[target.layer];
             const int border = target.near ? 0 : static_cast<int>(std::ceil(offset_ * std::fabs(target.slope))) + 1;
-            const int bins = level > 0 ? (border + size / 2 + size - 1) / size : border;  // of the border
-            const auto corner = static_cast<float>(-bins * size);
-            const int span = (plan_.tile + size - 1) / size + 2 * bins;
-            if (!target.want(corner, corner, span, span, x, y)) continue;
-            // Pixels whose centres lie between those of bins.
-            TileLayer layer{target.layer, target.slope, target.near, static_cast<int>(target.left) + size / 2,
-                            static_cast<int>(target.top) + size / 2, target.rows * size - size + (level <= 0),
-                            target.columns * size - size + (level <= 0), -1, &magnified_[layers_.size()], nullptr, {}};
-            layer.map = layer.magnified;
-            if (layer.rows <= 0 || layer.columns <= 0) continue;
-            if (level > plan_.deepest_tile_level) {
-                magnify_coarse(layer, level, left, top);
+            TileLayer layer{target.layer, level, target.slope, target.near, -1, {}};
+            if (border > plan_.tile) {
+                place_apart(layer, left, top);
+            } else if (place_together(layer, target, border, x, y)) {
+                if (level > plan_.deepest_tile_level) {
+                    magnify_coarse(layer, layer.places.front(), left, top);
+                } else {
+                    layer.target = static_cast<int>(targets_.size());
+                    targets_.push_back(std::move(target));
+                }
             } else {
-                layer.target = static_cast<int>(targets_.size());
-                targets_.push_back(std::move(target));
+                continue;
             }
             layers_.push_back(std::move(layer));
         }
         layer_maps_.filter(targets_, x, y, filtered_);
         for (TileLayer& layer : layers_) {
             if (layer.target >= 0) take_filtered(layer);
-            for (int row = 0; row < layer.rows; ++row)
-                layer.spans.push_back(
-                    occupied(layer.map->channel(opacity) + std::ptrdiff_t{row} * layer.map->stride, layer.columns));
+            for (PlacedMap& place : layer.places)
+                for (int row = 0; row < place.rows; ++row)
+                    place.spans.push_back(
+                        occupied(place.map->channel(opacity) + std::ptrdiff_t{row} * place.map->stride, place.columns));
         }
     }
 
-    void magnify_coarse(const TileLayer& layer, int level, int left, int top) {
-        const CoarseMap& map = coarse_map(layer.layer);
-        const int margin = coarse_margin << level;
-        magnifier_.run(level, top + layer.top + margin, left + layer.left + margin, layer.rows, layer.columns,
-                       *layer.magnified, [&](int channel, int row, int first, int count, float* out) {
-                           load_bins(map, plan_.map_tile, channel, row, first, count, out);
+    // One map for the tile and a border that the parts of the aperture look into: the pixels whose centres lie between
+    // those of bins. False if the layer does not reach there.
+    bool place_together(TileLayer& layer, LayerTarget& target, int border, float x, float y) const {
+        const int size = layer.level > 0 ? 1 << layer.level : 1, half = size / 2;
+        const int bins = layer.level > 0 ? (border + half + size - 1) / size : border;  // of the border
+        const auto corner = static_cast<float>(-bins * size);
+        const int span = (plan_.tile + size - 1) / size + 2 * bins;
+        if (!target.want(corner, corner, span, span, x, y)) return false;
+        const int lost = layer.level > 0 ? size : 0;
+        layer.places.push_back({static_cast<int>(target.left) + half, static_cast<int>(target.top) + half,
+                                target.rows * size - lost, target.columns * size - lost, nullptr, {}});
+        return layer.places.front().rows > 0 && layer.places.front().columns > 0;
+    }
+
+    // A map for each part of the aperture, where these look farther than a tile.
+    void place_apart(TileLayer& layer, int left, int top) {
+        for (int part = 0; part < plan_.part_count; ++part) {
+            const float u = plan_.parts[3 * part], v = plan_.parts[3 * part + 1];
+            layer.places.push_back({static_cast<int>(std::floor(-layer.slope * u)),
+                                    static_cast<int>(std::floor(-layer.slope * v)), plan_.tile + 1, plan_.tile + 1,
+                                    nullptr, {}});
+            magnify_coarse(layer, layer.places.back(), left, top);
+        }
+    }
+
+    FilteredMap& next_magnified() {
+        if (magnified_count_ == magnified_.size()) magnified_.emplace_back();
+        return magnified_[magnified_count_++];
+    }
+
+    void magnify_coarse(const TileLayer& layer, PlacedMap& place, int left, int top) {
+        const CoarseMap& coarse = coarse_map(layer.layer);
+        const int margin = coarse_margin << layer.level;
+        FilteredMap& map = next_magnified();
+        magnifier_.run(layer.level, top + place.top + margin, left + place.left + margin, place.rows, place.columns,
+                       coarse.rows * plan_.map_tile, coarse.columns * plan_.map_tile, map,
+                       [&](int channel, int row, int first, int count, float* out) {
+                           load_bins(coarse, plan_.map_tile, channel, row, first, count, out);
                        });
+        place.map = &map;
     }
 
     void take_filtered(TileLayer& layer) {
-        const FilteredMap& map = filtered_[layer.target];
-        const int level = plan_.levels[layer.layer], half = (1 << level) / 2;
-        if (level <= 0) {
-            layer.map = &map;
+        const FilteredMap& bins = filtered_[layer.target];
+        PlacedMap& place = layer.places.front();
+        if (layer.level <= 0) {
+            place.map = &bins;
             return;
         }
-        magnifier_.run(level, half, half, layer.rows, layer.columns, *layer.magnified,
+        const int half = (1 << layer.level) / 2;
+        FilteredMap& map = next_magnified();
+        magnifier_.run(layer.level, half, half, place.rows, place.columns, bins.rows,
+                       place.columns / (2 * half) + 1, map,
                        [&](int channel, int row, int first, int count, float* out) {
-                           const float* const bins = map.channel(channel) + std::ptrdiff_t{row} * map.stride + first;
-                           std::copy(bins, bins + count, out);
+                           const float* const values =
+                               bins.channel(channel) + std::ptrdiff_t{row} * bins.stride + first;
+                           std::copy(values, values + count, out);
                        });
+        place.map = &map;
     }
 
     const CoarseMap& coarse_map(int layer) const {
         return *std::find_if(coarse_.begin(), coarse_.end(), [&](const CoarseMap& map) { return map.layer == layer; });
     }
 
+    struct Pixels {
+        int top, bottom, left, right;
+    };
+
     // Every part of the aperture sees the layers from where it is.
-    void composite_strip(int row, int rows, bool separately) {
-        const std::ptrdiff_t area = std::ptrdiff_t{strip_rows} * width_;
+    void composite_patch(const Pixels& patch, bool separately) {
+        std::size_t covered = layers_.size();  // layers after which the last part showed nothing more
         for (int part = 0; part < plan_.part_count; ++part) {
-            const float u = plan_.parts[3 * part], v = plan_.parts[3 * part + 1], weight = plan_.parts[3 * part + 2];
-            std::fill_n(transmittance_.begin(), area, 1.0f);
-            std::fill_n(transmittance_.begin() + area, 2 * area, 0.0f);
+            const float* const place = plan_.parts + std::ptrdiff_t{3} * part;
+            std::fill_n(transmittance_.begin(), patch_area, 1.0f);
+            std::fill_n(transmittance_.begin() + patch_area, 2 * patch_area, 0.0f);
             for (std::size_t i = 0; i < layers_.size(); ++i) {
-                composite_layer(layers_[i], row, rows, u, v, weight,
+                composite_layer(layers_[i], layers_[i].seen_from(part), patch, place[0], place[1], place[2],
                                 separately ? &layer_sums_[i * sums_.size()] : sums_.data());
-                if (i % 3 == 2 && largest(transmittance_.data(), area) < opaque) break;
+                const bool worth_a_look = part == 0 || i + 1 >= covered;
+                if (worth_a_look && largest(transmittance_.data(), patch_area) < opaque) {
+                    covered = i + 1;
+                    break;
+                }
             }
         }
     }
 
-    // The part of the strip that the layer's map reaches, seen from (u, v).
-    void composite_layer(const TileLayer& layer, int row, int rows, float u, float v, float weight, float* sums) {
-        const FilteredMap& map = *layer.map;
+    // The part of the patch that the layer's map reaches, seen from (u, v).
+    void composite_layer(const TileLayer& layer, const PlacedMap& place, const Pixels& patch, float u, float v,
+                         float weight, float* sums) {
+        const FilteredMap& map = *place.map;
         const int beyond = layer.near ? 0 : 1;  // cells that interpolation reads besides a pixel's own
         const float x = layer.near ? 0.0f : -layer.slope * u, y = layer.near ? 0.0f : -layer.slope * v;
         const int shift_x = static_cast<int>(std::floor(x)), shift_y = static_cast<int>(std::floor(y));
-        const int top = std::max(layer.top - shift_y, row);
-        const int bottom = std::min(layer.top - shift_y + layer.rows - beyond, row + rows);
-        Span span{plan_.tile, 0};
+        const int top = std::max(place.top - shift_y, patch.top);
+        const int bottom = std::min(place.top - shift_y + place.rows - beyond, patch.bottom);
+        Span span{place.columns, 0};
         for (int i = top; i < bottom + beyond; ++i) {
-            const Span& here = layer.spans[i + shift_y - layer.top];
+            const Span& here = place.spans[i + shift_y - place.top];
             if (here.first < here.end) span = {std::min(span.first, here.first), std::max(span.end, here.end)};
         }
-        const int offset = layer.left - shift_x;
-        const int left = std::max(offset + span.first - beyond, std::max(offset, 0));
-        const int right = std::min(offset + std::min(span.end, layer.columns - beyond), plan_.tile);
+        const int offset = place.left - shift_x;
+        int left = std::max(offset + std::max(span.first - beyond, 0), patch.left);
+        int right = std::min(offset + std::min(span.end, place.columns - beyond), patch.right);
         if (left >= right || top >= bottom) return;
+        // Whole groups of columns where there is room: the layer is transparent beyond its span.
+        const int columns = (right - left + columns_at_once - 1) / columns_at_once * columns_at_once;
+        if (left + columns <= std::min(patch.right, offset + map.stride - beyond))
+            right = left + columns;
+        else if (right - columns >= std::max(patch.left, offset))
+            left = right - columns;
 
         LayerView view{{}, map.stride, x - static_cast<float>(shift_x), y - static_cast<float>(shift_y),
                        -layer.slope * static_cast<float>(std::sqrt(plan_.part_variance))};
         for (int channel = 0; channel < channel_count; ++channel)
             view.channels[channel] = map.channel(channel) +
-                                     std::ptrdiff_t{top + shift_y - layer.top} * map.stride + left + shift_x - layer.left;
-        const std::ptrdiff_t area = std::ptrdiff_t{strip_rows} * width_, plane = std::ptrdiff_t{plan_.tile} * width_;
-        float* const behind = transmittance_.data() + std::ptrdiff_t{top - row} * width_ + left;
+                                     std::ptrdiff_t{top + shift_y - place.top} * map.stride + left + shift_x - place.left;
+        const std::ptrdiff_t plane = std::ptrdiff_t{plan_.tile} * width_;
+        float* const behind = transmittance_.data() + (top - patch.top) * patch_columns + left - patch.left;
         sums += std::ptrdiff_t{top} * width_ + left;
-        const Strip strip{behind,
-                          behind + area,
-                          behind + 2 * area,
+        const Shown shown{behind,
+                          behind + patch_area,
+                          behind + 2 * patch_area,
                           sums,
                           sums + plane,
                           sums + 2 * plane,
@@ -420,9 +489,9 @@ private:
                           width_,
                           weight};
         if (layer.near)
-            composite_near(view, strip);
+            composite_near(view, shown);
         else
-            composite(view, strip);
+            composite(view, shown);
     }
 
     // What is left transparent is missing data, not a dark background.
@@ -460,7 +529,9 @@ private:
 
     std::vector<TileLayer> layers_;
     std::vector<LayerTarget> targets_;
-    std::vector<FilteredMap> filtered_, magnified_;
+    std::vector<FilteredMap> filtered_;
+    std::deque<FilteredMap> magnified_;  // does not move what is in it
+    std::size_t magnified_count_ = 0;
     std::vector<float> transmittance_, sums_, layer_sums_;  // sums: opacity and radiance
 };
 

@@ -21,7 +21,8 @@ struct LayeredPlan {
     int part_count;
     const float* parts;  // (part_count, 3): centre (u, v) and weight
     float interpolation;  // variance that reading maps between their cells adds along one axis, in cells²
-    float seen;           // samples per square pixel from which on a bin is known for certain
+    // Shares of the samples per pixel from which on a bin has its full weight, and from which on it is certainly seen.
+    float full_weight, seen;
 };
 
 // What each block of pixels holds of each layer, and where its samples lie.

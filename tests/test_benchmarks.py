@@ -184,6 +184,18 @@ def test_a_frame_that_pops_stands_out_of_steady_change(load_module: Any) -> None
     assert "**Missed** on steps" in popping.verdict([slide])
 
 
+@pytest.mark.parametrize("pixel_filter", ["gaussian", "box"])
+def test_the_edge_that_slides_has_an_exact_truth(load_module: Any, pixel_filter: str) -> None:
+    popping, analytic = load_module("popping"), importlib.import_module("fewrays.sources.analytic")
+    scene = popping._edge()
+    size = popping._SIZE
+    for slope in (-6.0, 0.0, 2.0):
+        many = analytic.reference(
+            scene.planes(slope), popping._LENS, *size, spp=16, pixel_filter=pixel_filter
+        ).mean(axis=0)
+        np.testing.assert_allclose(many, scene.truth(slope, pixel_filter)[0], atol=0.02)
+
+
 def test_a_lights_rays_stay_within_its_footprint(load_module: Any) -> None:
     lights = load_module("lights")
     analytic = importlib.import_module("fewrays.sources.analytic")

@@ -29,7 +29,7 @@ class LayeredOptions:
 
     sigma_pix: float = 0.5
     """Standard deviation of the Gaussian pixel filter, in pixels."""
-    layer_spacing: float = 0.16
+    layer_spacing: float = 0.14
     """Thickness of a depth layer: roughly the ratio by which slopes differ far from focus, and in pixels of slope
     near focus about six times as much. Larger is faster and less sharp at occlusions."""
     aperture_parts: int = 3

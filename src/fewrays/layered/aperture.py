@@ -3,9 +3,9 @@
 The paper averages opacity over the whole lens before it composites the layers (Eq. 34), which loses all knowledge of
 *where* on the lens a layer covers another. Over a part of the lens less is lost. A Gaussian aperture of standard
 deviation s is split, along each axis, into n Gaussians of standard deviation r s with binomial weights, spaced by
-2.2 r s so that their sum is smooth; the spacing's variance and r² add up to 1:
+2 r s so that their sum is smooth; the spacing's variance and r² add up to 1:
 
-    r² = 1 / (1 + 1.21 (n - 1)).
+    r² = 1 / n.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from fewrays.lens import Lens
 
 __all__ = ["ApertureParts", "aperture_variance"]
 
-_SPACING = 2.2  # of the parts, in standard deviations of a part
+_SPACING = 2.0  # of the parts, in standard deviations of a part
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fewrays import _native
-from fewrays.layered.plan import DEEPEST_TILE_LEVEL, Plan
+from fewrays.layered.plan import DEEPEST_TILE_LEVEL, FULL_WEIGHT, SEEN, Plan
 from fewrays.parallel import Execution, map_ranges
 from fewrays.samples import SampleBuffer
 
@@ -41,7 +41,8 @@ def reconstruct_tiles(
         part_variance=plan.aperture.sigma**2,
         parts=plan.aperture.parts,
         interpolation=plan.interpolation_variance,
-        seen=plan.seen,
+        full_weight=FULL_WEIGHT,
+        seen=SEEN,
     )
     blocks = _survey(samples, view, plan, native_plan, execution)
     maps = _coarse_maps(view, blocks, plan, native_plan, execution)

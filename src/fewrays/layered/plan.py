@@ -10,7 +10,7 @@ from fewrays.layered.aperture import ApertureParts, aperture_variance
 from fewrays.layered.slabs import Slabs
 from fewrays.samples import SampleBuffer
 
-__all__ = ["DEEPEST_TILE_LEVEL", "MAP_MARGIN", "MAX_SLOPE", "Plan"]
+__all__ = ["DEEPEST_TILE_LEVEL", "FULL_WEIGHT", "MAP_MARGIN", "MAX_SLOPE", "SEEN", "Plan"]
 
 MAX_SLOPE = 2.0**15
 """Slopes beyond this count as this, in pixels: such samples are spread over far more than any image."""
@@ -21,7 +21,11 @@ MAP_MARGIN = 12
 DEEPEST_TILE_LEVEL = 1
 """Layers of bins up to this level are filtered tile by tile; those of coarser bins as maps of the whole image."""
 
-_SEEN = 1 / 8  # of the samples per pixel: what makes a bin known
+FULL_WEIGHT = 3 / 8
+"""Share of the expected samples from which on a bin weighs as much as any other."""
+
+SEEN = 1 / 8
+"""Share of the expected samples from which on a bin is certainly not hidden."""
 
 
 @dataclass(frozen=True)
@@ -100,11 +104,6 @@ class Plan:
         read the cells themselves.
         """
         return (1 - self.aperture.central_weight) / 6
-
-    @property
-    def seen(self) -> float:
-        """Samples per square pixel from which on a bin counts as known."""
-        return _SEEN * self.spp
 
     @property
     def tile_columns(self) -> int:

@@ -29,7 +29,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from fewrays.layered.plan import DEEPEST_TILE_LEVEL, MAP_MARGIN, MAX_SLOPE, Plan
+from fewrays.layered.kernel import block_size
+from fewrays.layered.plan import DEEPEST_TILE_LEVEL, FULL_WEIGHT, MAP_MARGIN, MAX_SLOPE, SEEN, Plan
 from fewrays.layered.slabs import NEAR
 from fewrays.layered.taps import TAPS_REACH, gaussian_taps, taps_radius
 from fewrays.parallel import Execution, progress_bar
@@ -38,12 +39,6 @@ from fewrays.samples import SampleBuffer
 __all__ = ["reconstruct_tiles"]
 
 Float64 = npt.NDArray[np.float64]
-
-KNOWN, OPACITY, RADIANCE = 0, 1, slice(2, 5)
-"""Channels of a map: how well a cell is known, opacity, and radiance times opacity."""
-
-BLOCK = 16
-"""Side of the blocks that are surveyed, in pixels."""
 
 NEAR_BINS = 3
 """Bins per pixel of layers near focus; odd, so that a pixel's centre is the centre of a bin."""
@@ -166,20 +161,22 @@ def _flatten(samples: SampleBuffer, plan: Plan) -> _Flat:
     xy = samples.xy.reshape(-1, 2).astype(np.float64)
     kept = ((xy >= -margin) & (xy <= np.array([plan.width, plan.height]) + margin)).all(axis=-1)
     slope = samples.lens.slope(samples.depth).astype(np.float32).ravel()[kept]
-    row, column, _ = np.indices(samples.depth.shape) // BLOCK
+    side = block_size(plan)
+    row, column, _ = np.indices(samples.depth.shape) // side
     return _Flat(
         xy=xy[kept],
         uv=samples.uv.reshape(-1, 2)[kept].astype(np.float64),
         color=samples.color.reshape(-1, 3)[kept].astype(np.float64),
         slope=slope.astype(np.float64),
         layer=plan.slabs.of_slope(slope),
-        block=(row * -(-plan.width // BLOCK) + column).ravel()[kept],
+        block=(row * -(-plan.width // side) + column).ravel()[kept],
     )
 
 
 def _survey(samples: _Flat, plan: Plan) -> _Survey:
     """Find out which layers every block of pixels has, and where its samples lie."""
-    blocks = -(-plan.height // BLOCK) * -(-plan.width // BLOCK)
+    side = block_size(plan)
+    blocks = -(-plan.height // side) * -(-plan.width // side)
     low, high = np.full((blocks, 2), np.inf), np.full((blocks, 2), -np.inf)
     np.minimum.at(low, samples.block, samples.xy)
     np.maximum.at(high, samples.block, samples.xy)
@@ -245,30 +242,31 @@ def _can_show(layer: _Layer, plan: Plan, area: _Window) -> bool:
 
 
 def _filter(samples: _Flat, layer: _Layer, plan: Plan, window: _Window) -> Float64:
-    """Map of a layer, ``(5, rows, columns)``.
+    """Map of a layer, ``(5, rows, columns)``: how well a cell is known, opacity, and radiance times opacity.
 
-    Near focus, each sample counts alike. Elsewhere each bin does in which there are samples enough for it to be known
-    (those with fewer, in proportion), because samples at the lens centre cluster: where the layer is seen past an
-    edge, only some of the lens sees it, and unweighted the better-seen side would outweigh the other.
+    Near focus, each sample counts alike. Elsewhere each bin does that has a fair share of the samples (those with
+    less, in proportion), because samples at the lens centre cluster: where a layer is seen past an edge, only part of
+    the lens sees it, and unweighted the side that more of it sees would outweigh the other.
     """
     variance = _blur_variance(layer, plan)
     radius, bins = taps_radius(variance), NEAR_BINS if layer.level == NEAR else 1
     hits, count = _scatter(samples, layer, window, bins, radius)
+    expected = plan.spp * window.cell**2  # samples in a cell, were none hidden by what is in front
     if layer.level == NEAR:
         weight = count
     else:
-        weight = np.minimum(count / (plan.seen * window.cell**2), 1.0)
+        weight = np.minimum(count / (FULL_WEIGHT * expected), 1.0)
         hits = hits * (weight / np.maximum(count, 1))
+    seen = np.minimum(count / (SEEN * expected), 1.0)
 
     taps = gaussian_taps(variance, radius)
     down = _blur_matrix(taps, window.rows, bins)
     along = _blur_matrix(taps, window.columns, bins).T
     blurred_weight = down @ weight @ along
     reciprocal = np.where(blurred_weight > MIN_WEIGHT, 1 / np.maximum(blurred_weight, MIN_WEIGHT), 0.0)
-    # Bins that samples have missed by chance are no less known than others: were all of them open to rays, this
-    # share would be hit.
-    expected = 1 - math.exp(-plan.spp * window.cell**2)
-    known = np.minimum(blurred_weight / expected, 1.0)
+    # Samples miss some bins by chance, so that this share is what is seen where nothing is hidden.
+    by_chance = 1 - math.exp(-expected)
+    known = np.minimum(down @ seen @ along / by_chance, 1.0)
     return np.concatenate([known[None], (down @ hits @ along) * reciprocal])
 
 
@@ -349,34 +347,6 @@ def _coarse_maps(samples: _Flat, survey: _Survey, plan: Plan) -> dict[int, Float
     return maps
 
 
-def _magnify(bins: Float64, size: float, row: int, column: int, shape: tuple[int, int]) -> Float64:
-    """Read a map at the centres of pixels, linearly between the centres of bins.
-
-    Parameters
-    ----------
-    bins : ndarray, (5, bin rows, bin columns)
-    size : float
-        Side of a bin in pixels.
-    row, column : int
-        Where the corner of the first pixel is, in pixels from that of the first bin.
-    shape : (int, int)
-        Rows and columns of pixels.
-
-    Returns
-    -------
-    ndarray, (5, *shape)
-    """
-
-    def place(first: int, count: int) -> tuple[npt.NDArray[np.intp], Float64]:
-        position = (first + np.arange(count) + 0.5) / size - 0.5
-        return position.astype(np.intp), position % 1
-
-    upper, down = place(row, shape[0])
-    left, along = place(column, shape[1])
-    between = (1 - down[:, None]) * bins[:, upper] + down[:, None] * bins[:, upper + 1]
-    return np.asarray((1 - along) * between[..., left] + along * between[..., left + 1])
-
-
 # A tile of the image.
 
 
@@ -395,44 +365,46 @@ def _reconstruct_tile(
     whole = _Window(columns.start, rows.start, 1.0, plan.tile, plan.tile)
     visible = replace(whole, rows=shape[0], columns=shape[1])
     farthest_part = float(np.abs(plan.aperture.parts[:, :2]).max())
-    layers, maps, borders = [], [], []
+    layers, maps = [], []
     for layer in _layers_near(survey, plan, whole, range(NEAR, 100)):
         # Pixels around the tile that some part of the aperture sees in it.
         border = 0 if layer.level == NEAR else math.ceil(farthest_part * abs(layer.slope)) + 1
         if _can_show(layer, plan, _bins_around(whole, border, layer.level)):
             layers.append(layer)
-            borders.append(border)
             maps.append(_map_of_tile(samples, coarse, plan, layer, visible, border))
 
     sums = np.zeros((len(layers), 4, *shape))
     for u, v, weight in plan.aperture.parts.astype(np.float64):
         visibility = _Visibility.of_everything(shape)
-        for layer, layer_map, border, layer_sums in zip(layers, maps, borders, sums, strict=True):
+        for layer, layer_map, layer_sums in zip(layers, maps, sums, strict=True):
             if layer.level == NEAR:
-                layer_sums += weight * _composite_near(layer_map, visibility)
+                layer_sums += weight * _composite_near(layer_map.bins, visibility)
             else:
-                cell = _read(layer_map, border - layer.slope * u, border - layer.slope * v, shape)
+                cell = _read(layer_map, -layer.slope * u, -layer.slope * v, shape)
                 layer_sums += weight * _composite(cell, -layer.slope * plan.aperture.sigma, visibility)
     return layers, sums
 
 
+@dataclass(frozen=True)
+class _Map:
+    """The map of a layer, and where a tile is in it."""
+
+    bins: Float64  # (5, bin rows, bin columns)
+    size: int  # of a bin, in pixels
+    row: int  # of the tile's first pixel, in pixels from the map's corner
+    column: int
+
+
 def _map_of_tile(
     samples: _Flat, coarse: dict[int, Float64], plan: Plan, layer: _Layer, visible: _Window, border: int
-) -> Float64:
-    """Map of a layer on the pixels of a tile and those around it, ``(5, …)``."""
-    shape = (visible.rows + 2 * border, visible.columns + 2 * border)
-    size = 2**layer.level
+) -> _Map:
+    """Find the map of a layer that covers the pixels of a tile and a border around them."""
+    size, top, left = 2 ** max(layer.level, 0), int(visible.top), int(visible.left)
     if layer.level > DEEPEST_TILE_LEVEL:
-        margin = MAP_MARGIN * size - border
-        return _magnify(
-            coarse[layer.index], size, int(visible.top) + margin, int(visible.left) + margin, shape
-        )
+        margin = MAP_MARGIN * size
+        return _Map(coarse[layer.index], size, top + margin, left + margin)
     window = _bins_around(visible, border, layer.level)
-    filtered = _filter(samples, layer, plan, window)
-    if layer.level <= 0:
-        return filtered
-    margin = int(visible.top - window.top) - border
-    return _magnify(filtered, size, margin, margin, shape)
+    return _Map(_filter(samples, layer, plan, window), size, top - int(window.top), left - int(window.left))
 
 
 def _bins_around(area: _Window, border: int, level: int) -> _Window:
@@ -469,26 +441,47 @@ class _Visibility:
 
 @dataclass(frozen=True)
 class _Cell:
-    """A map between four of its cells: its value, and how much it changes from one cell to the next."""
+    """A map between four pixels: its value, and how much it changes from one pixel to the next."""
 
-    value: Float64  # (5, rows, columns)
+    known: Float64  # (rows, columns); of the first of the four, as it changes slowly
+    value: Float64  # (4, rows, columns): opacity and radiance
     step_x: Float64
     step_y: Float64
 
 
-def _read(layer_map: Float64, x: float, y: float, shape: tuple[int, ...]) -> _Cell:
-    """Read a map linearly between its pixels; the first pixel of the result is at (x, y) of the map."""
+def _read(layer_map: _Map, x: float, y: float, shape: tuple[int, int]) -> _Cell:
+    """Read a map at the pixels of a tile, moved by x and y pixels; linearly between pixels."""
     column, row = math.floor(x), math.floor(y)
+    known, *rest = _magnify(layer_map, row, column, (shape[0] + 1, shape[1] + 1))
+    corners = np.stack(rest)
     fraction_x, fraction_y = x - column, y - row
-    corners = layer_map[:, row : row + shape[0] + 1, column : column + shape[1] + 1]
     step_x = corners[..., 1:] - corners[..., :-1]
     between = corners[..., :-1] + fraction_x * step_x
     step_y = between[:, 1:] - between[:, :-1]
     return _Cell(
+        known=known[:-1, :-1],
         value=between[:, :-1] + fraction_y * step_y,
         step_x=step_x[:, :-1] + fraction_y * (step_x[:, 1:] - step_x[:, :-1]),
         step_y=step_y,
     )
+
+
+def _magnify(layer_map: _Map, row: int, column: int, shape: tuple[int, int]) -> Float64:
+    """Read a map at the centres of pixels, the first of which is `row` and `column` from the tile's first.
+
+    Bins of several pixels are read linearly between their centres.
+    """
+
+    def place(first: int, count: int) -> tuple[npt.NDArray[np.intp], Float64]:
+        position = (first + np.arange(count) + 0.5) / layer_map.size - 0.5
+        return position.astype(np.intp), position % 1
+
+    upper, down = place(layer_map.row + row, shape[0])
+    left, along = place(layer_map.column + column, shape[1])
+    bins = layer_map.bins
+    lower, right = np.minimum(upper + 1, bins.shape[1] - 1), np.minimum(left + 1, bins.shape[2] - 1)
+    between = (1 - down[:, None]) * bins[:, upper] + down[:, None] * bins[:, lower]
+    return np.asarray((1 - along) * between[..., left] + along * between[..., right])
 
 
 def _composite(cell: _Cell, shear: float, behind: _Visibility) -> Float64:
@@ -511,21 +504,19 @@ def _composite(cell: _Cell, shear: float, behind: _Visibility) -> Float64:
     behind : _Visibility
         What shows behind the layers so far; the layer is added to them.
     """
-    mean, opacity = behind.mean, cell.value[OPACITY]
-    spare = (cell.value[KNOWN] - mean) / np.maximum(1 - mean, MIN_COVERED)
+    mean, opacity = behind.mean, cell.value[0]
+    spare = (cell.known - mean) / np.maximum(1 - mean, MIN_COVERED)
     counts = shear * np.clip(spare, 0.0, 1.0)
 
-    product = mean * cell.value[1:]
-    covariance = counts * (behind.along_u * cell.step_x[1:] + behind.along_v * cell.step_y[1:])
-    shown: Float64 = np.maximum(product + covariance, 0.0)
+    covariance = counts * (behind.along_u * cell.step_x + behind.along_v * cell.step_y)
+    unclamped = mean * cell.value + covariance
+    shown: Float64 = np.maximum(unclamped, 0.0)
     # Where the two exclude each other as far as they can, or coincide as far as they can.
-    visible = np.clip(
-        (product + covariance)[0], np.maximum(mean + opacity - 1, 0.0), np.minimum(mean, opacity)
-    )
+    visible = np.clip(unclamped[0], np.maximum(mean + opacity - 1, 0.0), np.minimum(mean, opacity))
     shown[0] = visible
 
-    behind.along_u = behind.along_u * (1 - opacity) - mean * shear * cell.step_x[OPACITY]
-    behind.along_v = behind.along_v * (1 - opacity) - mean * shear * cell.step_y[OPACITY]
+    behind.along_u = behind.along_u * (1 - opacity) - mean * shear * cell.step_x[0]
+    behind.along_v = behind.along_v * (1 - opacity) - mean * shear * cell.step_y[0]
     behind.mean = np.maximum(mean - visible, 0.0)
     return shown
 
@@ -533,7 +524,7 @@ def _composite(cell: _Cell, shear: float, behind: _Visibility) -> Float64:
 def _composite_near(layer_map: Float64, behind: _Visibility) -> Float64:
     """Do the same with a layer near focus, which looks the same from everywhere on the lens."""
     shown: Float64 = behind.mean * layer_map[1:]
-    clear = 1 - layer_map[OPACITY]
+    clear = 1 - layer_map[1]
     behind.mean = behind.mean * clear
     behind.along_u = behind.along_u * clear
     behind.along_v = behind.along_v * clear

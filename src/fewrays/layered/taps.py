@@ -17,7 +17,7 @@ __all__ = ["TAPS_REACH", "gaussian_taps", "taps_radius"]
 
 Float64 = npt.NDArray[np.float64]
 
-TAPS_REACH = 3.5
+TAPS_REACH = 3.0
 """Distance at which kernels are cut off, in standard deviations."""
 
 _POINT_VARIANCE = 1e-9  # bins²; a kernel this narrow is a single tap
