@@ -43,13 +43,17 @@ Samples make_samples(Array<const float, -1, -1, -1, 2> xy, Array<const float, -1
 }
 
 BlockLayers make_block_layers(int block, Array<const float, -1, -1, 4> extents,
-                              Array<const std::int32_t, -1, -1, -1> counts,
-                              Array<const float, -1, -1, -1> slope_sums) {
+                              Array<const std::int32_t, -1, -1, -1> counts, Array<const float, -1, -1, -1> slope_sums) {
     return {block, reinterpret_cast<const Extent*>(extents.data()), counts.data(), slope_sums.data()};
 }
 
-CoarseMap make_coarse_map(int layer, Array<float, -1, -1, 5, -1, -1> values) {
-    return {values.data(), layer, static_cast<int>(values.shape(0)), static_cast<int>(values.shape(1))};
+CoarseMap make_coarse_map(int layer, int margin, Array<float, -1, -1, 5, -1, -1> values) {
+    return {values.data(),
+            layer,
+            static_cast<int>(values.shape(0)),
+            static_cast<int>(values.shape(1)),
+            static_cast<int>(values.shape(3)),
+            margin};
 }
 
 }  // namespace
@@ -141,13 +145,11 @@ NB_MODULE(_native, m) {
     nb::class_<LayeredPlan>(m, "LayeredPlan")
         .def(
             "__init__",
-            [](LayeredPlan* self, int tile, int map_tile, Array<const float, -1> boundaries,
-               Array<const std::int32_t, -1> levels, int deepest_tile_level, Array<const float, -1> reaches,
-               double pixel_variance,
-               double aperture_variance, double part_variance, Array<const float, -1, 3> parts, float interpolation,
-               float full_weight, float seen) {
+            [](LayeredPlan* self, int tile, Array<const float, -1> boundaries, Array<const std::int32_t, -1> levels,
+               int deepest_tile_level, Array<const float, -1> reaches, double pixel_variance, double aperture_variance,
+               double part_variance, Array<const float, -1, 3> parts, float interpolation, float full_weight,
+               float seen) {
                 new (self) LayeredPlan{tile,
-                                       map_tile,
                                        static_cast<int>(levels.shape(0)),
                                        boundaries.data(),
                                        levels.data(),
@@ -162,9 +164,10 @@ NB_MODULE(_native, m) {
                                        full_weight,
                                        seen};
             },
-            nb::keep_alive<1, 4>(), nb::keep_alive<1, 5>(), nb::keep_alive<1, 7>(), nb::keep_alive<1, 11>(),
-            nb::kw_only(), "tile"_a, "map_tile"_a, "boundaries"_a, "levels"_a, "deepest_tile_level"_a, "reaches"_a, "pixel_variance"_a,
-            "aperture_variance"_a, "part_variance"_a, "parts"_a, "interpolation"_a, "full_weight"_a, "seen"_a);
+            nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>(), nb::keep_alive<1, 6>(), nb::keep_alive<1, 10>(),
+            nb::kw_only(), "tile"_a, "boundaries"_a, "levels"_a, "deepest_tile_level"_a, "reaches"_a,
+            "pixel_variance"_a, "aperture_variance"_a, "part_variance"_a, "parts"_a, "interpolation"_a, "full_weight"_a,
+            "seen"_a);
     nb::class_<BlockLayers>(m, "BlockLayers")
         .def(
             "__init__",
@@ -177,11 +180,10 @@ NB_MODULE(_native, m) {
     nb::class_<CoarseMap>(m, "CoarseMap")
         .def(
             "__init__",
-            [](CoarseMap* self, int layer, Array<float, -1, -1, 5, -1, -1> values) {
-                new (self) CoarseMap(make_coarse_map(layer, values));
+            [](CoarseMap* self, int layer, int margin, Array<float, -1, -1, 5, -1, -1> values) {
+                new (self) CoarseMap(make_coarse_map(layer, margin, values));
             },
-            nb::keep_alive<1, 3>(), "layer"_a, "values"_a);
-    m.attr("coarse_margin") = coarse_margin;
+            nb::keep_alive<1, 4>(), "layer"_a, "margin"_a, "values"_a);
 
     m.def(
         "block_layers",
@@ -196,10 +198,11 @@ NB_MODULE(_native, m) {
     m.def(
         "coarse_tiles",
         [](const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan,
-           const std::vector<CoarseMap>& maps, int level, int first, int last) {
-            coarse_tiles(samples, blocks, plan, maps.data(), static_cast<int>(maps.size()), level, first, last);
+           const std::vector<CoarseMap>& maps, int first_level, int last_level, int first, int last) {
+            coarse_tiles(samples, blocks, plan, maps.data(), static_cast<int>(maps.size()), first_level, last_level,
+                         first, last);
         },
-        "samples"_a, "blocks"_a, "plan"_a, "maps"_a, "level"_a, "first"_a, "last"_a,
+        "samples"_a, "blocks"_a, "plan"_a, "maps"_a, "first_level"_a, "last_level"_a, "first"_a, "last"_a,
         nb::call_guard<nb::gil_scoped_release>());
     m.def(
         "layered_tiles",

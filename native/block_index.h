@@ -11,6 +11,7 @@ namespace fewrays {
 struct Rectangle {
     float x_min, x_max, y_min, y_max;
 
+    bool contains(float x, float y) const { return x >= x_min && x < x_max && y >= y_min && y < y_max; }
     bool meets(const Extent& box) const {
         return box.x_max >= x_min && box.x_min < x_max && box.y_max >= y_min && box.y_min < y_max;
     }

@@ -27,9 +27,10 @@ public:
                 // The least slope that a cell can hold, with room for the rounding of |c| + offset.
                 const float edge = std::bit_cast<float>((first_cell_ + i + negative) << shift) - offset_;
                 const float least = negative ? -edge * 1.00001f - 1e-5f * offset_ : edge * 0.99999f - 1e-5f * offset_;
-                table_.push_back(static_cast<std::int32_t>(
-                    std::upper_bound(boundaries_.begin(), boundaries_.end() - 1, i + 1 == cells_ && negative ? -INFINITY : least) -
-                    boundaries_.begin()));
+                table_.push_back(
+                    static_cast<std::int32_t>(std::upper_bound(boundaries_.begin(), boundaries_.end() - 1,
+                                                               i + 1 == cells_ && negative ? -INFINITY : least) -
+                                              boundaries_.begin()));
             }
     }
 

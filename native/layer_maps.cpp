@@ -12,10 +12,10 @@
 namespace fewrays {
 namespace {
 
-constexpr int batch_size = 1024;   // samples that are sorted by layer at a time
+constexpr int batch_size = 1024;  // samples that are sorted by layer at a time
 constexpr int stray_bins = 16;
-constexpr int hit_channels = 4;   // red, green, blue, count
-constexpr int near_bins = 3;      // per pixel
+constexpr int hit_channels = 4;              // red, green, blue, count
+constexpr int near_bins = 3;                 // per pixel
 constexpr double bin_variance = 1.0 / 12.0;  // of the bin that a sample is rounded to, in bins²
 constexpr float min_weight = 1e-12f;
 constexpr float tail = 4.0f;  // pixels around a layer's reach in which its samples still count
@@ -352,15 +352,9 @@ void LayerMaps::scatter_batch(std::vector<LayerTarget>& targets, const std::vect
         if (!wanted[i]) continue;
         LayerTarget& target = targets[i];
         const auto around = static_cast<float>(target.margin) * target.cell;
-        const BinGrid grid{target.left - around,
-                           target.top - around,
-                           1.0f / target.cell,
-                           target.bins_per_cell,
-                           target.segment,
-                           target.rows + 2 * target.margin,
-                           target.segment,
-                           target.stride,
-                           target.size};
+        const BinGrid grid{target.left - around, target.top - around, 1.0f / target.cell,
+                           target.bins_per_cell, target.segment,      target.rows + 2 * target.margin,
+                           target.segment,       target.stride,       target.size};
         const int hit = start_[2 * i + 1], hole = start_[2 * i + 2];
         hit_bins(&x_[hit], &y_[hit], &u_[hit], &v_[hit], &c_[hit], hole - hit, grid, bins_.data());
         float* const hits = target.hits.data();
@@ -395,8 +389,8 @@ void LayerMaps::blur(LayerTarget& target, FilteredMap& map) {
 
     for (int k = 0; k < tap_count; ++k) tap_rows_[k] = k * line;
     const auto blur_plane = [&](const std::vector<float>& bins, float* out) {
-        blur_pass(&bins[first * line], target.bins_per_cell * line, planes_.data(), target.rows,
-                  static_cast<int>(line), taps_.data(), tap_rows_.data(), tap_count);
+        blur_pass(&bins[first * line], target.bins_per_cell * line, planes_.data(), target.rows, static_cast<int>(line),
+                  taps_.data(), tap_rows_.data(), tap_count);
         blur_pass(planes_.data(), line, out, target.rows, target.width, taps_.data(), tap_columns_.data(), tap_count);
     };
     blur_plane(target.holes, weight_.data());

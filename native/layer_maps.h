@@ -31,13 +31,13 @@ struct FilteredMap {
 // What to filter: one layer, and the bins that its samples are scattered to, relative to the caller's origin.
 struct LayerTarget {
     int layer;
-    float slope;               // of its samples, on average
-    Rectangle extent;          // of its samples at the lens centre, in pixels of the image
-    float left, top, cell;     // of the wanted rectangle, and the side of a cell, in pixels
-    int rows, columns;         // of the wanted rectangle, in cells
-    bool near;                 // near focus: fine bins, each as important as the samples in it
-    float reach;               // how far samples may lie from their place at the lens centre, in pixels
-    double blur_variance;      // in bins²
+    float slope;            // of its samples, on average
+    Rectangle extent;       // of its samples at the lens centre, in pixels of the image
+    float left, top, cell;  // of the wanted rectangle, and the side of a cell, in pixels
+    int rows, columns;      // of the wanted rectangle, in cells
+    bool near;              // near focus: fine bins, each as important as the samples in it
+    float reach;            // how far samples may lie from their place at the lens centre, in pixels
+    double blur_variance;   // in bins²
 
     int bins_per_cell, radius, margin;  // of the blur's kernel in bins, and its reach in cells
     int width, segment;                 // cells of a row of the result and of the bins, in memory
@@ -82,9 +82,9 @@ private:
         std::ptrdiff_t first;
         int count;
     };
-    std::vector<Run> runs_;  // of samples that make up a batch
-    std::vector<float> depth_, slope_, xy_, uv_, rgb_;   // in the order of samples
-    std::vector<float> x_, y_, u_, v_, c_, color_;       // sorted
+    std::vector<Run> runs_;                             // of samples that make up a batch
+    std::vector<float> depth_, slope_, xy_, uv_, rgb_;  // in the order of samples
+    std::vector<float> x_, y_, u_, v_, c_, color_;      // sorted
     std::vector<std::int32_t> key_, key_of_layer_, start_, middle_, cursor_, bins_;
     std::vector<float> taps_, seen_, weight_, columns_blurred_, planes_;
     std::vector<std::ptrdiff_t> tap_rows_, tap_columns_;

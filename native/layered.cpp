@@ -21,7 +21,7 @@ constexpr int patch_area = patch_rows * patch_columns;
 constexpr float min_opacity = 1e-3f;
 constexpr float min_covered = 1e-3f;
 constexpr float opaque = 1e-6f;  // of what shows through less, not even a light is seen
-constexpr int any_level = 100;  // more levels than there are
+constexpr int any_level = 100;   // more levels than there are
 
 // A layer's map as seen through one part of the aperture.
 struct LayerView {
@@ -66,7 +66,8 @@ FEWRAYS_INLINE void composite_row(const float* FEWRAYS_RESTRICT seen, const floa
         const float counts = shear * std::min(std::max(spare, 0.0f), 1.0f);
         const float with_u = counts * u, with_v = counts * v;
 
-        const Interpolated a = interpolate(covers[i], covers[i + 1], covers[i + stride], covers[i + stride + 1], fx, fy);
+        const Interpolated a =
+            interpolate(covers[i], covers[i + 1], covers[i + stride], covers[i + stride + 1], fx, fy);
         float visible = t * a.value + with_u * a.step_x + with_v * a.step_y;
         visible = std::min(std::max(visible, std::max(t + a.value - 1.0f, 0.0f)), std::min(t, a.value));
         sum_opacity[i] += weight * visible;
@@ -100,8 +101,9 @@ FEWRAYS_CLONES void composite(const LayerView& view, const Shown& shown) {
                              out = std::ptrdiff_t{row} * shown.stride;
         composite_row(view.channels[known] + in, view.channels[opacity] + in, view.channels[red] + in,
                       view.channels[green] + in, view.channels[blue] + in, view.stride, view.fraction_x,
-                      view.fraction_y, view.shear, shown.columns, shown.weight, shown.mean + behind, shown.along_u + behind,
-                      shown.along_v + behind, shown.opacity + out, shown.red + out, shown.green + out, shown.blue + out);
+                      view.fraction_y, view.shear, shown.columns, shown.weight, shown.mean + behind,
+                      shown.along_u + behind, shown.along_v + behind, shown.opacity + out, shown.red + out,
+                      shown.green + out, shown.blue + out);
     }
 }
 
@@ -129,9 +131,9 @@ FEWRAYS_CLONES void composite_near(const LayerView& view, const Shown& shown) {
         const std::ptrdiff_t in = row * view.stride, behind = std::ptrdiff_t{row} * patch_columns,
                              out = std::ptrdiff_t{row} * shown.stride;
         composite_near_row(view.channels[opacity] + in, view.channels[red] + in, view.channels[green] + in,
-                           view.channels[blue] + in, shown.columns, shown.weight, shown.mean + behind, shown.along_u + behind,
-                           shown.along_v + behind, shown.opacity + out, shown.red + out, shown.green + out,
-                           shown.blue + out);
+                           view.channels[blue] + in, shown.columns, shown.weight, shown.mean + behind,
+                           shown.along_u + behind, shown.along_v + behind, shown.opacity + out, shown.red + out,
+                           shown.green + out, shown.blue + out);
     }
 }
 
@@ -182,9 +184,8 @@ struct Span {
 
 // A row of pixels between two rows of bins.
 FEWRAYS_CLONES void magnify_row(const float* FEWRAYS_RESTRICT upper, const float* FEWRAYS_RESTRICT lower, int cells,
-                                float row_fraction, float* FEWRAYS_RESTRICT between,
-                                const int* FEWRAYS_RESTRICT column, const float* FEWRAYS_RESTRICT fraction, int columns,
-                                float* FEWRAYS_RESTRICT out) {
+                                float row_fraction, float* FEWRAYS_RESTRICT between, const int* FEWRAYS_RESTRICT column,
+                                const float* FEWRAYS_RESTRICT fraction, int columns, float* FEWRAYS_RESTRICT out) {
     for (int i = 0; i < cells; ++i) between[i] = upper[i] + row_fraction * (lower[i] - upper[i]);
     for (int i = 0; i < columns; ++i) {
         const float left = between[column[i]], right = between[column[i] + 1];
@@ -259,14 +260,14 @@ private:
 };
 
 // Copies a piece of a row of bins out of the tiles of a map that hold it.
-void load_bins(const CoarseMap& map, int map_tile, int channel, int row, int first, int count, float* out) {
-    const std::ptrdiff_t area = std::ptrdiff_t{map_tile} * map_tile;
+void load_bins(const CoarseMap& map, int channel, int row, int first, int count, float* out) {
+    const std::ptrdiff_t area = std::ptrdiff_t{map.tile} * map.tile;
     for (int i = 0; i < count;) {
-        const int column = first + i, in_tile = column % map_tile;
-        const int run = std::min(count - i, map_tile - in_tile);
-        const std::ptrdiff_t tile = std::ptrdiff_t{row / map_tile} * map.columns + column / map_tile;
+        const int column = first + i, in_tile = column % map.tile;
+        const int run = std::min(count - i, map.tile - in_tile);
+        const std::ptrdiff_t tile = std::ptrdiff_t{row / map.tile} * map.columns + column / map.tile;
         const float* const source =
-            map.values + (tile * channel_count + channel) * area + std::ptrdiff_t{row % map_tile} * map_tile + in_tile;
+            map.values + (tile * channel_count + channel) * area + std::ptrdiff_t{row % map.tile} * map.tile + in_tile;
         std::memcpy(out + i, source, sizeof(float) * static_cast<std::size_t>(run));
         i += run;
     }
@@ -294,13 +295,12 @@ public:
         find_maps(left, top);
         output.counts[tile] = static_cast<std::int32_t>(layers_.size());
         std::fill(sums_.begin(), sums_.end(), 0.0f);
-        if (output.contributions)
-            layer_sums_.assign(layers_.size() * sums_.size(), 0.0f);
+        if (output.contributions) layer_sums_.assign(layers_.size() * sums_.size(), 0.0f);
         for (int row = 0; row < plan_.tile; row += patch_rows)
             for (int column = 0; column < plan_.tile; column += patch_columns)
-                composite_patch({row, std::min(row + patch_rows, plan_.tile), column,
-                                 std::min(column + patch_columns, plan_.tile)},
-                                output.contributions != nullptr);
+                composite_patch(
+                    {row, std::min(row + patch_rows, plan_.tile), column, std::min(column + patch_columns, plan_.tile)},
+                    output.contributions != nullptr);
         store(left, top, output);
     }
 
@@ -334,15 +334,14 @@ private:
             TileLayer layer{target.layer, level, target.slope, target.near, -1, {}};
             if (border > plan_.tile) {
                 place_apart(layer, left, top);
-            } else if (place_together(layer, target, border, x, y)) {
+            } else {
+                if (!place_together(layer, target, border, x, y)) continue;
                 if (level > plan_.deepest_tile_level) {
-                    magnify_coarse(layer, layer.places.front(), left, top);
+                    if (!magnify_coarse(layer, layer.places.front(), left, top)) continue;
                 } else {
                     layer.target = static_cast<int>(targets_.size());
                     targets_.push_back(std::move(target));
                 }
-            } else {
-                continue;
             }
             layers_.push_back(std::move(layer));
         }
@@ -365,8 +364,12 @@ private:
         const int span = (plan_.tile + size - 1) / size + 2 * bins;
         if (!target.want(corner, corner, span, span, x, y)) return false;
         const int lost = layer.level > 0 ? size : 0;
-        layer.places.push_back({static_cast<int>(target.left) + half, static_cast<int>(target.top) + half,
-                                target.rows * size - lost, target.columns * size - lost, nullptr, {}});
+        layer.places.push_back({static_cast<int>(target.left) + half,
+                                static_cast<int>(target.top) + half,
+                                target.rows * size - lost,
+                                target.columns * size - lost,
+                                nullptr,
+                                {}});
         return layer.places.front().rows > 0 && layer.places.front().columns > 0;
     }
 
@@ -375,9 +378,13 @@ private:
         for (int part = 0; part < plan_.part_count; ++part) {
             const float u = plan_.parts[3 * part], v = plan_.parts[3 * part + 1];
             layer.places.push_back({static_cast<int>(std::floor(-layer.slope * u)),
-                                    static_cast<int>(std::floor(-layer.slope * v)), plan_.tile + 1, plan_.tile + 1,
-                                    nullptr, {}});
-            magnify_coarse(layer, layer.places.back(), left, top);
+                                    static_cast<int>(std::floor(-layer.slope * v)),
+                                    plan_.tile + 1,
+                                    plan_.tile + 1,
+                                    nullptr,
+                                    {}});
+            PlacedMap& place = layer.places.back();
+            if (!magnify_coarse(layer, place, left, top)) place = {0, 0, 0, 0, &nothing_, {}};
         }
     }
 
@@ -386,16 +393,51 @@ private:
         return magnified_[magnified_count_++];
     }
 
-    void magnify_coarse(const TileLayer& layer, PlacedMap& place, int left, int top) {
+    // False if the layer is transparent all over the place.
+    bool magnify_coarse(const TileLayer& layer, PlacedMap& place, int left, int top) {
         const CoarseMap& coarse = coarse_map(layer.layer);
-        const int margin = coarse_margin << layer.level;
+        const int margin = coarse.margin << layer.level;
+        if (!shrink(coarse, layer.level, top + margin, left + margin, place)) return false;
         FilteredMap& map = next_magnified();
         magnifier_.run(layer.level, top + place.top + margin, left + place.left + margin, place.rows, place.columns,
-                       coarse.rows * plan_.map_tile, coarse.columns * plan_.map_tile, map,
+                       coarse.rows * coarse.tile, coarse.columns * coarse.tile, map,
                        [&](int channel, int row, int first, int count, float* out) {
-                           load_bins(coarse, plan_.map_tile, channel, row, first, count, out);
+                           load_bins(coarse, channel, row, first, count, out);
                        });
         place.map = &map;
+        return true;
+    }
+
+    // Leaves of the place what the map's opaque bins touch.
+    bool shrink(const CoarseMap& coarse, int level, int top, int left, PlacedMap& place) {
+        const int size = 1 << level;
+        const auto bins = [&](int first_pixel, int pixels, int limit) {
+            const int first = std::clamp(first_pixel / size - 1, 0, limit - 1);
+            return Span{first, std::clamp((first_pixel + pixels) / size + 2, first + 1, limit)};
+        };
+        const Span rows = bins(top + place.top, place.rows, coarse.rows * coarse.tile);
+        const Span columns = bins(left + place.left, place.columns, coarse.columns * coarse.tile);
+        Span opaque_rows{rows.end, rows.first}, opaque_columns{columns.end, columns.first};
+        line_.resize(columns.end - columns.first);
+        for (int row = rows.first; row < rows.end; ++row) {
+            load_bins(coarse, opacity, row, columns.first, columns.end - columns.first, line_.data());
+            const auto is_opaque = [](float value) { return value > 0; };
+            const auto first = std::find_if(line_.begin(), line_.end(), is_opaque);
+            if (first == line_.end()) continue;
+            const auto last = std::find_if(line_.rbegin(), line_.rend(), is_opaque);
+            opaque_rows = {std::min(opaque_rows.first, row), row + 1};
+            opaque_columns = {std::min(opaque_columns.first, columns.first + static_cast<int>(first - line_.begin())),
+                              std::max(opaque_columns.end, columns.end - static_cast<int>(last - line_.rbegin()))};
+        }
+        const auto pixels = [&](const Span& opaque_bins, int origin, int& first, int& count) {
+            const int begin = std::max(opaque_bins.first * size - size / 2 - origin, first);
+            const int end = std::min(opaque_bins.end * size + size / 2 - origin, first + count);
+            first = begin;
+            count = end - begin;
+            return count > 0;
+        };
+        return pixels(opaque_rows, top, place.top, place.rows) &&
+               pixels(opaque_columns, left, place.left, place.columns);
     }
 
     void take_filtered(TileLayer& layer) {
@@ -407,9 +449,8 @@ private:
         }
         const int half = (1 << layer.level) / 2;
         FilteredMap& map = next_magnified();
-        magnifier_.run(layer.level, half, half, place.rows, place.columns, bins.rows,
-                       place.columns / (2 * half) + 1, map,
-                       [&](int channel, int row, int first, int count, float* out) {
+        magnifier_.run(layer.level, half, half, place.rows, place.columns, bins.rows, place.columns / (2 * half) + 1,
+                       map, [&](int channel, int row, int first, int count, float* out) {
                            const float* const values =
                                bins.channel(channel) + std::ptrdiff_t{row} * bins.stride + first;
                            std::copy(values, values + count, out);
@@ -469,11 +510,14 @@ private:
         else if (right - columns >= std::max(patch.left, offset))
             left = right - columns;
 
-        LayerView view{{}, map.stride, x - static_cast<float>(shift_x), y - static_cast<float>(shift_y),
+        LayerView view{{},
+                       map.stride,
+                       x - static_cast<float>(shift_x),
+                       y - static_cast<float>(shift_y),
                        -layer.slope * static_cast<float>(std::sqrt(plan_.part_variance))};
         for (int channel = 0; channel < channel_count; ++channel)
-            view.channels[channel] = map.channel(channel) +
-                                     std::ptrdiff_t{top + shift_y - place.top} * map.stride + left + shift_x - place.left;
+            view.channels[channel] = map.channel(channel) + std::ptrdiff_t{top + shift_y - place.top} * map.stride +
+                                     left + shift_x - place.left;
         const std::ptrdiff_t plane = std::ptrdiff_t{plan_.tile} * width_;
         float* const behind = transmittance_.data() + (top - patch.top) * patch_columns + left - patch.left;
         sums += std::ptrdiff_t{top} * width_ + left;
@@ -510,8 +554,8 @@ private:
                     output.image[3 * pixel + channel] = scale * sums_[(channel + 1) * plane + at];
                 for (std::size_t layer = 0; output.contributions && layer < layers_.size(); ++layer) {
                     const float* const sums = &layer_sums_[layer * sums_.size()];
-                    float* const target = output.contributions +
-                                          (pixel * output.slots + output.slot_of_layer[layers_[layer].layer]) * 4;
+                    float* const target =
+                        output.contributions + (pixel * output.slots + output.slot_of_layer[layers_[layer].layer]) * 4;
                     for (int channel = 0; channel < 3; ++channel)
                         target[channel] = scale * sums[(channel + 1) * plane + at];
                     target[3] = scale * sums[at];
@@ -529,6 +573,8 @@ private:
 
     std::vector<TileLayer> layers_;
     std::vector<LayerTarget> targets_;
+    const FilteredMap nothing_{};
+    std::vector<float> line_;
     std::vector<FilteredMap> filtered_;
     std::deque<FilteredMap> magnified_;  // does not move what is in it
     std::size_t magnified_count_ = 0;
@@ -588,32 +634,38 @@ void block_layers(const Samples& samples, const LayeredPlan& plan, float margin,
 }
 
 void coarse_tiles(const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan, const CoarseMap* maps,
-                  int map_count, int level, int first, int last) {
+                  int map_count, int first_level, int last_level, int first, int last) {
     LayerMaps layer_maps(samples, blocks, plan);
     std::vector<FilteredMap> filtered;
-    const float cell = static_cast<float>(1 << level), side = cell * static_cast<float>(plan.map_tile);
-    const std::ptrdiff_t area = std::ptrdiff_t{plan.map_tile} * plan.map_tile;
+    const auto map_of = [&](int layer) -> const CoarseMap& {
+        return *std::find_if(maps, maps + map_count, [&](const CoarseMap& map) { return map.layer == layer; });
+    };
+    const int level = plan.levels[maps[0].layer], side = maps[0].tile << level, margin = maps[0].margin << level;
     for (int tile = first; tile < last; ++tile) {
-        const float margin = static_cast<float>(coarse_margin) * cell;
-        const float left = side * static_cast<float>(tile % maps[0].columns) - margin;
-        const float top = side * static_cast<float>(tile / maps[0].columns) - margin;
-        std::vector<LayerTarget> targets = layer_maps.layers_near({left, left + side, top, top + side}, level, level);
+        const int left = side * (tile % maps[0].columns) - margin, top = side * (tile / maps[0].columns) - margin;
+        const auto x = static_cast<float>(left), y = static_cast<float>(top);
+        // No farther than the parts of the aperture may look out of the image.
+        const int width = std::min(side, samples.width + margin - left);
+        const int height = std::min(side, samples.height + margin - top);
+        const Rectangle pixels{x, x + static_cast<float>(width), y, y + static_cast<float>(height)};
+        std::vector<LayerTarget> targets = layer_maps.layers_near(pixels, first_level, last_level);
         std::erase_if(targets, [&](LayerTarget& target) {
-            return !target.want(0.0f, 0.0f, plan.map_tile, plan.map_tile, left, top);
+            const int cell = static_cast<int>(target.cell);
+            return !target.want(0.0f, 0.0f, (height + cell - 1) / cell, (width + cell - 1) / cell, x, y);
         });
-        layer_maps.filter(targets, left, top, filtered);
+        layer_maps.filter(targets, x, y, filtered);
         for (std::size_t i = 0; i < targets.size(); ++i) {
-            const CoarseMap& map =
-                *std::find_if(maps, maps + map_count, [&](const CoarseMap& m) { return m.layer == targets[i].layer; });
-            const auto first_row = static_cast<std::ptrdiff_t>(targets[i].top / cell);
-            const auto first_column = static_cast<std::ptrdiff_t>(targets[i].left / cell);
-            float* const out =
-                map.values + tile * channel_count * area + first_row * plan.map_tile + first_column;
+            const LayerTarget& target = targets[i];
+            const CoarseMap& map = map_of(target.layer);
+            const std::ptrdiff_t area = std::ptrdiff_t{map.tile} * map.tile;
+            float* const out = map.values + tile * channel_count * area +
+                               static_cast<std::ptrdiff_t>(target.top / target.cell) * map.tile +
+                               static_cast<std::ptrdiff_t>(target.left / target.cell);
             for (int channel = 0; channel < channel_count; ++channel)
-                for (int row = 0; row < targets[i].rows; ++row)
-                    std::memcpy(out + channel * area + std::ptrdiff_t{row} * plan.map_tile,
+                for (int row = 0; row < target.rows; ++row)
+                    std::memcpy(out + channel * area + std::ptrdiff_t{row} * map.tile,
                                 filtered[i].channel(channel) + std::ptrdiff_t{row} * filtered[i].stride,
-                                sizeof(float) * static_cast<std::size_t>(targets[i].columns));
+                                sizeof(float) * static_cast<std::size_t>(target.columns));
         }
     }
 }

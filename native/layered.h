@@ -8,8 +8,7 @@
 namespace fewrays {
 
 struct LayeredPlan {
-    int tile;      // side of a tile of the image, in pixels
-    int map_tile;  // side of a tile of a coarse layer's map, in bins
+    int tile;  // side of a tile of the image, in pixels
     int layer_count;
     const float* boundaries;     // (layer_count - 1): slopes where one layer ends and the next begins, ascending
     const std::int32_t* levels;  // (layer_count): bins of 2^level pixels; -1: near focus, fractions of a pixel
@@ -19,7 +18,7 @@ struct LayeredPlan {
     double aperture_variance;    // of the aperture along one axis, in lens units²
     double part_variance;        // of one of its parts
     int part_count;
-    const float* parts;  // (part_count, 3): centre (u, v) and weight
+    const float* parts;   // (part_count, 3): centre (u, v) and weight
     float interpolation;  // variance that reading maps between their cells adds along one axis, in cells²
     // Shares of the samples per pixel from which on a bin has its full weight, and from which on it is certainly seen.
     float full_weight, seen;
@@ -30,7 +29,7 @@ struct BlockLayers {
     int block;                   // side in pixels
     const Extent* extents;       // (rows, columns)
     const std::int32_t* counts;  // (rows, columns, layer_count): samples
-    const float* slope_sums;    // (rows, columns, layer_count)
+    const float* slope_sums;     // (rows, columns, layer_count)
 };
 
 struct BlockLayersOutput {
@@ -41,11 +40,12 @@ struct BlockLayersOutput {
 };
 
 // The filtered map of a coarse layer over the image and some bins around it, tile after tile:
-// (tile rows, tile columns, 5, map_tile, map_tile).
+// (tile rows, tile columns, 5, tile, tile).
 struct CoarseMap {
     float* values;
     int layer;
     int rows, columns;  // in tiles
+    int tile, margin;   // side of a tile, and what lies to the left of and above the image, in bins
 };
 
 struct LayeredOutput {
@@ -56,16 +56,15 @@ struct LayeredOutput {
     int slots;
 };
 
-constexpr int coarse_margin = 12;        // bins of a coarse map around the image
 constexpr float max_slope = 32768.0f;  // pixels; beyond, a sample's light is spread over far more than any image
 
 // Surveys rows of blocks [first, last). Samples farther than `margin` pixels outside the image are left out.
 void block_layers(const Samples& samples, const LayeredPlan& plan, float margin, int first, int last,
                   const BlockLayersOutput& output);
 
-// Fills tiles [first, last) of the maps of all layers of one level.
+// Fills tiles [first, last) of the maps of all layers of some levels; the tiles cover the same pixels in all of them.
 void coarse_tiles(const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan, const CoarseMap* maps,
-                  int map_count, int level, int first, int last);
+                  int map_count, int first_level, int last_level, int first, int last);
 
 // Reconstructs tiles [first, last) of the image; `maps` are those of all coarse layers, in the order of layers.
 void layered_tiles(const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan, const CoarseMap* maps,

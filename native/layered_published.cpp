@@ -3,17 +3,19 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <numeric>
 #include <utility>
 #include <vector>
 
+#include "block_index.h"
 #include "math/slope.h"
+#include "separable_blur.h"
 #include "simd.h"
 
 namespace fewrays {
 namespace {
 
-constexpr int columns_at_once = 16;  // the blurs keep this many sums in registers
-constexpr int batch = 256;           // samples whose bins and weights are computed before they are scattered
+constexpr int batch = 256;  // samples whose bins and weights are computed before they are scattered
 constexpr float min_weight = 1e-20f;
 constexpr float min_opacity = 1e-3f;
 
@@ -38,60 +40,6 @@ struct TileSamples {
     }
 };
 
-struct Rectangle {
-    float x_min, x_max, y_min, y_max;
-    bool contains(float x, float y) const { return x >= x_min && x < x_max && y >= y_min && y < y_max; }
-    bool meets(const Extent& box) const {
-        return box.x_max >= x_min && box.x_min < x_max && box.y_max >= y_min && box.y_min < y_max;
-    }
-};
-
-// Finds samples by where they lie: the extents of blocks of pixels, and of whole rows of blocks.
-class SampleIndex {
-public:
-    SampleIndex(const Samples& samples, const Extent* extents, int block)
-        : samples_(samples), extents_(extents), block_(block), columns_((samples.width + block - 1) / block) {
-        for (int row = 0; row * block < samples.height; ++row) {
-            Extent all = extents[std::ptrdiff_t{row} * columns_];
-            for (int column = 1; column < columns_; ++column) {
-                const Extent& box = extents[std::ptrdiff_t{row} * columns_ + column];
-                all = {std::min(all.x_min, box.x_min), std::max(all.x_max, box.x_max), std::min(all.y_min, box.y_min),
-                       std::max(all.y_max, box.y_max)};
-            }
-            row_extents_.push_back(all);
-        }
-    }
-
-    // Calls visit(index) for every sample in the rectangle, always in the same order.
-    template <typename Visit>
-    void visit_samples(const Rectangle& rectangle, Visit&& visit) const {
-        for (int row = 0; row < static_cast<int>(row_extents_.size()); ++row) {
-            if (!rectangle.meets(row_extents_[row])) continue;
-            for (int column = 0; column < columns_; ++column)
-                if (rectangle.meets(extents_[std::ptrdiff_t{row} * columns_ + column]))
-                    visit_block(row, column, rectangle, visit);
-        }
-    }
-
-private:
-    template <typename Visit>
-    void visit_block(int row, int column, const Rectangle& rectangle, Visit&& visit) const {
-        const int i_end = std::min((row + 1) * block_, samples_.height);
-        const int j_end = std::min((column + 1) * block_, samples_.width);
-        for (int i = row * block_; i < i_end; ++i) {
-            const std::ptrdiff_t pixel = std::ptrdiff_t{i} * samples_.width;
-            const std::ptrdiff_t end = (pixel + j_end) * samples_.spp;
-            for (std::ptrdiff_t k = (pixel + column * block_) * samples_.spp; k < end; ++k)
-                if (rectangle.contains(samples_.xy[2 * k], samples_.xy[2 * k + 1])) visit(k);
-        }
-    }
-
-    const Samples& samples_;
-    const Extent* extents_;
-    const int block_, columns_;
-    std::vector<Extent> row_extents_;
-};
-
 int partition_of(float c, const PublishedPlan& plan) {
     // Compare before converting: a slope may exceed the integers.
     const float bin = c * plan.bins_per_pixel;
@@ -107,35 +55,6 @@ struct BinGrid {
     int stride;  // floats from row to row: the columns that the blurs read
     int size() const { return side * stride; }
 };
-
-// out[row][column] = Σ taps[k] in[row * in_stride + k * step + column], for `rows_at_once` rows and
-// `columns_at_once` columns: enough independent sums to hide the latency of a multiply-add.
-template <int rows_at_once>
-FEWRAYS_INLINE void blur_patch(const float* FEWRAYS_RESTRICT in, int in_stride, int step, float* FEWRAYS_RESTRICT out,
-                               int out_stride, const float* FEWRAYS_RESTRICT taps, int tap_count) {
-    float sum[rows_at_once][columns_at_once] = {};
-    for (int k = 0; k < tap_count; ++k) {
-        const float* source = in + std::ptrdiff_t{k} * step;
-        for (int row = 0; row < rows_at_once; ++row)
-            for (int i = 0; i < columns_at_once; ++i) sum[row][i] += taps[k] * source[row * in_stride + i];
-    }
-    for (int row = 0; row < rows_at_once; ++row)
-        for (int i = 0; i < columns_at_once; ++i) out[row * out_stride + i] = sum[row][i];
-}
-
-// Blurs along rows (`step` of 1) or along columns (`step` of `in_stride`).
-FEWRAYS_CLONES void blur(const float* FEWRAYS_RESTRICT in, int in_stride, int step, float* FEWRAYS_RESTRICT out,
-                         int rows, int columns, const float* FEWRAYS_RESTRICT taps, int tap_count) {
-    for (int column = 0; column < columns; column += columns_at_once) {
-        int row = 0;
-        for (; row + 4 <= rows; row += 4)
-            blur_patch<4>(in + row * in_stride + column, in_stride, step, out + row * columns + column, columns, taps,
-                          tap_count);
-        for (; row < rows; ++row)
-            blur_patch<1>(in + row * in_stride + column, in_stride, step, out + row * columns + column, columns, taps,
-                          tap_count);
-    }
-}
 
 // Bins and weights of `n` samples, whose positions are relative to the outer tile.
 FEWRAYS_CLONES void bins_and_weights(const float* FEWRAYS_RESTRICT x, const float* FEWRAYS_RESTRICT y,
@@ -180,16 +99,22 @@ public:
     TileReconstruction(const Samples& samples, const Extent* extents, int block, const PublishedPlan& plan)
         : samples_(samples),
           index_(samples, extents, block),
+          block_(block),
           plan_(plan),
           width_(round_up(plan.tile)),
           pixels_(plan.tile * width_),
           bins_{plan.tile + 2 * plan.ring, width_ + 2 * plan.ring},
           taps_(2 * plan.ring + 1),
+          in_row_(taps_.size()),
+          in_column_(taps_.size()),
           bin_sums_(channels * (std::size_t(bins_.size()) + 1)),
           row_sums_(std::size_t(bins_.side) * width_),
           sums_(std::size_t{channels} * pixels_),
           radiance_(std::size_t{3} * pixels_),
-          transmittance_(pixels_) {}
+          transmittance_(pixels_) {
+        std::iota(in_row_.begin(), in_row_.end(), 0);
+        for (std::size_t k = 0; k < in_column_.size(); ++k) in_column_[k] = in_row_[k] * width_;
+    }
 
     void run(int tile, const PublishedOutput& output) {
         const int tile_columns = (samples_.width + plan_.tile - 1) / plan_.tile;
@@ -213,6 +138,21 @@ private:
     static int round_up(int n) { return (n + columns_at_once - 1) / columns_at_once * columns_at_once; }
     float* sum(int channel) { return sums_.data() + std::ptrdiff_t{channel} * pixels_; }
 
+    // Calls visit(index) for every sample in the rectangle, always in the same order.
+    template <typename Visit>
+    void visit_samples(const Rectangle& rectangle, Visit&& visit) const {
+        index_.visit(rectangle, [&](int row, int column) {
+            const int i_end = std::min((row + 1) * block_, samples_.height);
+            const int j_end = std::min((column + 1) * block_, samples_.width);
+            for (int i = row * block_; i < i_end; ++i) {
+                const std::ptrdiff_t pixel = std::ptrdiff_t{i} * samples_.width;
+                const std::ptrdiff_t end = (pixel + j_end) * samples_.spp;
+                for (std::ptrdiff_t k = (pixel + column * block_) * samples_.spp; k < end; ++k)
+                    if (rectangle.contains(samples_.xy[2 * k], samples_.xy[2 * k + 1])) visit(k);
+            }
+        });
+    }
+
     // Sorts the samples of the outer tile by partition (twice over the same samples: count, then place), and
     // finds the layers with the slopes that their samples really have (section 6.2).
     void gather(int row, int column) {
@@ -223,7 +163,7 @@ private:
         std::vector<Layer> partitions(plan_.partition_count, Layer{0, 1e300, -1e300, 0, 0});
         auto& visited = gathered_.partition;
         visited.clear();
-        index_.visit_samples(outer, [&](std::ptrdiff_t k) {
+        visit_samples(outer, [&](std::ptrdiff_t k) {
             const float c = slope(samples_.depth[k], samples_.c0, samples_.c1);
             const int index = partition_of(c, plan_);
             Layer& partition = partitions[index];
@@ -243,7 +183,7 @@ private:
         }
         gathered_.resize(begin);
         std::size_t visit = 0;
-        index_.visit_samples(outer, [&](std::ptrdiff_t k) {
+        visit_samples(outer, [&](std::ptrdiff_t k) {
             const int place = partitions[visited[visit++]].end++;
             gathered_.x[place] = samples_.xy[2 * k] - x0;
             gathered_.y[place] = samples_.xy[2 * k + 1] - y0;
@@ -296,9 +236,10 @@ private:
         make_taps(shape.variance);
         const int tap_count = static_cast<int>(taps_.size());
         for (int channel = 0; channel < channels; ++channel) {
-            blur(sums + channel * plane, bins_.stride, 1, row_sums_.data(), bins_.side, width_, taps_.data(),
-                 tap_count);
-            blur(row_sums_.data(), width_, width_, sum(channel), plan_.tile, width_, taps_.data(), tap_count);
+            blur_pass(sums + channel * plane, bins_.stride, row_sums_.data(), bins_.side, width_, taps_.data(),
+                      in_row_.data(), tap_count);
+            blur_pass(row_sums_.data(), width_, sum(channel), plan_.tile, width_, taps_.data(), in_column_.data(),
+                      tap_count);
         }
     }
 
@@ -349,7 +290,8 @@ private:
     }
 
     const Samples& samples_;
-    const SampleIndex index_;
+    const BlockIndex index_;
+    const int block_;
     const PublishedPlan& plan_;
     const int width_;   // of the tile in memory: a whole number of column groups
     const int pixels_;  // of the tile in memory
@@ -357,7 +299,9 @@ private:
 
     TileSamples gathered_;
     std::vector<Layer> layers_;
-    std::vector<float> taps_, bin_sums_, row_sums_, sums_, radiance_, transmittance_;
+    std::vector<float> taps_;
+    std::vector<std::ptrdiff_t> in_row_, in_column_;  // where the taps read
+    std::vector<float> bin_sums_, row_sums_, sums_, radiance_, transmittance_;
 };
 
 }  // namespace

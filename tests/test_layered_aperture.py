@@ -27,13 +27,13 @@ def test_parts_have_the_moments_of_the_aperture(count: int, variance: float) -> 
 
 @pytest.mark.parametrize("count", COUNTS)
 def test_parts_add_up_to_a_gaussian(count: int) -> None:
-    """Along one axis, to an eighth of its peak; four parts are the worst."""
+    """Along one axis, to a seventh of its peak; two parts are the worst."""
     aperture = ApertureParts.split(0.25, count)
     centers, weights = aperture.parts[:count, 0], aperture.parts[:, 2].reshape(count, count).sum(axis=0)
     u = np.linspace(-2, 2, 401)
     of_parts = np.exp(-0.5 * ((u - centers[:, None]) / aperture.sigma) ** 2) / aperture.sigma
     wanted = np.exp(-0.5 * (u / 0.5) ** 2) / 0.5
-    assert np.abs(weights @ of_parts - wanted).max() < 0.125 * wanted.max()
+    assert np.abs(weights @ of_parts - wanted).max() < 0.15 * wanted.max()
 
 
 @pytest.mark.parametrize("count", COUNTS)

@@ -30,8 +30,8 @@ FEWRAYS_HD inline double exponent_of_variance(double variance, int radius) {
     return t;
 }
 
-constexpr double taps_reach = 3.0;              // standard deviations
-constexpr double point_variance = 1e-9;         // of a kernel that is a single tap, in bins²
+constexpr double taps_reach = 3.0;       // standard deviations
+constexpr double point_variance = 1e-9;  // of a kernel that is a single tap, in bins²
 
 // Distance of the farthest tap of a kernel of the given variance, in bins.
 FEWRAYS_HD inline int taps_radius(double variance) {

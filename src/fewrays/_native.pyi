@@ -2,6 +2,7 @@
 Inner loops of fewrays. Internal: shapes and units are described where the calls are made.
 """
 
+from collections.abc import Sequence
 import enum
 from typing import Annotated
 
@@ -10,11 +11,9 @@ from numpy.typing import NDArray
 
 
 class FilterFamily(enum.Enum):
-    paper = 0
+    sheared = 0
 
-    matched = 1
-
-    axis_aligned = 2
+    axis_aligned = 1
 
 class Sampling(enum.Enum):
     disc = 0
@@ -24,18 +23,33 @@ class Sampling(enum.Enum):
     gaussian = 2
 
 class FilterRule:
-    def __init__(self, *, family: FilterFamily, sigma_pix: float, sigma_u: float, max_sigma_x: float, occluded_sigma_x: float, sampling: Sampling, sampling_sigma: float, aperture_moment: float, k: float) -> None: ...
+    def __init__(self, *, family: FilterFamily, sigma_pix: float, sigma_u: float, max_sigma_x: float, sampling: Sampling, sampling_sigma: float, k: float) -> None: ...
 
-def layer_filter(c_min: float, c_max: float, occlusion: float, rule: FilterRule) -> tuple[float, float, float]: ...
+def layer_filter(c_min: float, c_max: float, rule: FilterRule) -> tuple[float, float, float]: ...
 
-def layer_taps(variance: float, ring: int, family: FilterFamily) -> tuple[int, list[float]]: ...
+def layer_taps(variance: float, ring: int) -> list[float]: ...
 
 class Samples:
     def __init__(self, xy: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None, 2), order='C', device='cpu', writable=False)], uv: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None, 2), order='C', device='cpu', writable=False)], depth: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None), order='C', device='cpu', writable=False)], color: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None, 3), order='C', device='cpu', writable=False)], c0: float, c1: float) -> None: ...
 
 def block_extents(samples: Samples, block: int, margin: float, first: int, last: int, extents: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 4), order='C', device='cpu')]) -> None: ...
 
-class LayeredPlan:
+class PublishedPlan:
     def __init__(self, tile: int, ring: int, max_layers: int, bins_per_pixel: float, first_bin: int, partition_of_bin: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu', writable=False)], slot_of_partition: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], rule: FilterRule) -> None: ...
 
-def layered_tiles(samples: Samples, extents: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 4), order='C', device='cpu', writable=False)], block: int, plan: LayeredPlan, first: int, last: int, image: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), order='C', device='cpu')], counts: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu')], layer_images: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None, 4), order='C', device='cpu')] | None) -> None: ...
+def published_tiles(samples: Samples, extents: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 4), order='C', device='cpu', writable=False)], block: int, plan: PublishedPlan, first: int, last: int, image: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), order='C', device='cpu')], counts: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu')], layer_images: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None, 4), order='C', device='cpu')] | None) -> None: ...
+
+class LayeredPlan:
+    def __init__(self, *, tile: int, boundaries: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], levels: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], deepest_tile_level: int, reaches: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], pixel_variance: float, aperture_variance: float, part_variance: float, parts: Annotated[NDArray[numpy.float32], dict(shape=(None, 3), order='C', device='cpu', writable=False)], interpolation: float, full_weight: float, seen: float) -> None: ...
+
+class BlockLayers:
+    def __init__(self, block: int, extents: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 4), order='C', device='cpu', writable=False)], counts: Annotated[NDArray[numpy.int32], dict(shape=(None, None, None), order='C', device='cpu', writable=False)], slope_sums: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None), order='C', device='cpu', writable=False)]) -> None: ...
+
+class CoarseMap:
+    def __init__(self, layer: int, margin: int, values: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 5, None, None), order='C', device='cpu')]) -> None: ...
+
+def block_layers(samples: Samples, plan: LayeredPlan, margin: float, first: int, last: int, block: int, extents: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 4), order='C', device='cpu')], counts: Annotated[NDArray[numpy.int32], dict(shape=(None, None, None), order='C', device='cpu')], slope_sums: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None), order='C', device='cpu')]) -> None: ...
+
+def coarse_tiles(samples: Samples, blocks: BlockLayers, plan: LayeredPlan, maps: Sequence[CoarseMap], first_level: int, last_level: int, first: int, last: int) -> None: ...
+
+def layered_tiles(samples: Samples, blocks: BlockLayers, plan: LayeredPlan, maps: Sequence[CoarseMap], first: int, last: int, image: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), order='C', device='cpu')], counts: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu')], slot_of_layer: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], contributions: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None, 4), order='C', device='cpu')] | None) -> None: ...

@@ -31,7 +31,6 @@ def reconstruct_tiles(
     )
     native_plan = _native.LayeredPlan(
         tile=plan.tile,
-        map_tile=plan.map_tile,
         boundaries=plan.slabs.boundaries,
         levels=plan.slabs.levels,
         deepest_tile_level=DEEPEST_TILE_LEVEL,
@@ -98,26 +97,28 @@ def _coarse_maps(
 ) -> list[_native.CoarseMap]:
     """Filter the layers that are blurred enough for bins of several pixels."""
     maps = []
-    for level in range(DEEPEST_TILE_LEVEL + 1, int(plan.slabs.levels.max(initial=0)) + 1):
-        rows, columns = plan.map_tiles(level)
+    for each in plan.coarse_passes():
         # Fresh zeros take no memory before they are written, so tiles that lack a layer cost nothing.
-        of_level = [
-            _native.CoarseMap(int(layer), np.zeros((rows, columns, 5, plan.map_tile, plan.map_tile), np.float32))
-            for layer in np.flatnonzero(plan.slabs.levels == level)
-        ]
-        if of_level:
-            map_ranges(
-                lambda first, last, level=level, of_level=of_level: _native.coarse_tiles(
-                    view, blocks, native_plan, of_level, level, first, last
+        of_pass = [
+            _native.CoarseMap(
+                int(layer),
+                each.margin >> int(plan.slabs.levels[layer]),
+                np.zeros(
+                    (each.rows, each.columns, 5, *(2 * [each.side >> int(plan.slabs.levels[layer])])), np.float32
                 ),
-                rows * columns,
-                execution,
-                label=f"layers of {2**level} px",
-                chunk=1,
             )
-        maps += of_level
+            for layer in np.flatnonzero((plan.slabs.levels >= each.first) & (plan.slabs.levels <= each.last))
+        ]
+        if not of_pass:
+            continue
+        map_ranges(
+            lambda first, last, each=each, of_pass=of_pass: _native.coarse_tiles(
+                view, blocks, native_plan, of_pass, each.first, each.last, first, last
+            ),
+            each.rows * each.columns,
+            execution,
+            label="far layers",
+            chunk=1,
+        )
+        maps += of_pass
     return maps
-
-
-
-

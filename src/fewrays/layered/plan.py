@@ -10,13 +10,16 @@ from fewrays.layered.aperture import ApertureParts, aperture_variance
 from fewrays.layered.slabs import Slabs
 from fewrays.samples import SampleBuffer
 
-__all__ = ["DEEPEST_TILE_LEVEL", "FULL_WEIGHT", "MAP_MARGIN", "MAX_SLOPE", "SEEN", "Plan"]
+__all__ = ["DEEPEST_TILE_LEVEL", "FULL_WEIGHT", "MAP_MARGIN", "MAP_TILE", "MAX_SLOPE", "SEEN", "CoarsePass", "Plan"]
 
 MAX_SLOPE = 2.0**15
 """Slopes beyond this count as this, in pixels: such samples are spread over far more than any image."""
 
 MAP_MARGIN = 12
-"""Bins of a coarse layer's map around the image."""
+"""Bins of coarse maps around the image, at least: parts of the aperture look out of it."""
+
+MAP_TILE = 256
+"""Bins along a side of a tile of a coarse map, at least."""
 
 DEEPEST_TILE_LEVEL = 1
 """Layers of bins up to this level are filtered tile by tile; those of coarser bins as maps of the whole image."""
@@ -38,8 +41,6 @@ class Plan:
         Size of the image in pixels, samples per pixel.
     tile : int
         Side of a tile of the image in pixels.
-    map_tile : int
-        Side of a tile of a coarse layer's map in bins.
     slabs : Slabs
         The depth layers.
     pixel_variance : float
@@ -54,7 +55,6 @@ class Plan:
     width: int
     spp: int
     tile: int
-    map_tile: int
     slabs: Slabs
     pixel_variance: float
     aperture_variance: float
@@ -69,7 +69,6 @@ class Plan:
         layer_spacing: float,
         aperture_parts: int,
         tile: int,
-        map_tile: int = 256,
     ) -> Plan:
         """Lay out layers and parts for a buffer; the parameters are those of `LayeredOptions`."""
         variance = aperture_variance(samples.lens)
@@ -89,7 +88,6 @@ class Plan:
             samples.width,
             samples.spp,
             tile,
-            map_tile,
             slabs,
             sigma_pix**2,
             variance,
@@ -115,8 +113,52 @@ class Plan:
         """Number of tiles."""
         return self.tile_columns * -(-self.height // self.tile)
 
-    def map_tiles(self, level: int) -> tuple[int, int]:
-        """Rows and columns of tiles in the map of a coarse layer of bins of ``2**level`` pixels."""
-        bins = (-(-side // 2**level) + 2 * MAP_MARGIN for side in (self.height, self.width))
-        rows, columns = (-(-count // self.map_tile) for count in bins)
-        return rows, columns
+    def coarse_passes(self) -> list[CoarsePass]:
+        """How the layers beyond `DEEPEST_TILE_LEVEL` are filtered: two levels at a time, or all that are left.
+
+        Layers of several levels share a pass over the samples. The deeper a level, the farther its samples lie from
+        where they count, so tiles grow with it; a tile that holds the whole image serves all deeper levels as well.
+        """
+        passes = []
+        deepest = int(self.slabs.levels.max(initial=0))
+        level = DEEPEST_TILE_LEVEL + 1
+        while level <= deepest:
+            last = min(level + 1, deepest)
+            side = MAP_TILE * 2**last
+            if side >= max(self.height, self.width):
+                last = deepest
+                side = 2**last * -(-side // 2**last)
+            passes.append(CoarsePass.over(self.height, self.width, level, last, side))
+            level = last + 1
+        return passes
+
+
+@dataclass(frozen=True)
+class CoarsePass:
+    """Levels of coarse layers that are filtered together, and the tiles of their maps.
+
+    Parameters
+    ----------
+    first, last : int
+        The levels.
+    side : int
+        Of a tile, in pixels.
+    margin : int
+        What the maps hold to the left of and above the image, in pixels; at least as much to the right and below.
+    rows, columns : int
+        Tiles.
+    """
+
+    first: int
+    last: int
+    side: int
+    margin: int
+    rows: int
+    columns: int
+
+    @classmethod
+    def over(cls, height: int, width: int, first: int, last: int, side: int) -> CoarsePass:
+        """Cover an image with tiles."""
+        margin = MAP_MARGIN * 2**last
+        rows, columns = (-(-(extent + 2 * margin) // side) for extent in (height, width))
+        return cls(first, last, side, margin, rows, columns)

@@ -30,7 +30,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fewrays.layered.kernel import block_size
-from fewrays.layered.plan import DEEPEST_TILE_LEVEL, FULL_WEIGHT, MAP_MARGIN, MAX_SLOPE, SEEN, Plan
+from fewrays.layered.plan import DEEPEST_TILE_LEVEL, FULL_WEIGHT, MAX_SLOPE, SEEN, Plan
 from fewrays.layered.slabs import NEAR
 from fewrays.layered.taps import TAPS_REACH, gaussian_taps, taps_radius
 from fewrays.parallel import Execution, progress_bar
@@ -81,7 +81,8 @@ def reconstruct_tiles(
     image : ndarray, (H, W, 3)
         Receives the radiance.
     counts : ndarray, (tiles,)
-        Receives the number of layers that may matter to each tile.
+        Receives the number of layers that have samples close enough to matter to each tile; the kernels leave out
+        some that turn out not to show.
     slots : ndarray, (layers,)
         Where in `contributions` a layer goes.
     contributions : ndarray, (H, W, slots, 4), or None
@@ -140,8 +141,6 @@ class _Layer:
     index: int
     slope: float  # mean of its samples nearby, in pixels per lens unit
     level: int
-    low: Float64  # (2,): corners of the rectangle that its samples can lie in, as seen from the lens centre
-    high: Float64
 
 
 @dataclass(frozen=True)
@@ -205,13 +204,8 @@ def _layers_near(survey: _Survey, plan: Plan, area: _Window, levels: Container[i
         near = ((survey.high >= start - around) & (survey.low < end + around)).all(axis=-1)
         near &= survey.counts[:, index] > 0
         if near.any():
-            yield _Layer(
-                index=index,
-                slope=float(survey.slope_sums[near, index].sum() / survey.counts[near, index].sum()),
-                level=int(level),
-                low=survey.low[near].min(axis=0) - reach,
-                high=survey.high[near].max(axis=0) + reach,
-            )
+            slope = survey.slope_sums[near, index].sum() / survey.counts[near, index].sum()
+            yield _Layer(index, float(slope), int(level))
 
 
 def _blur_variance(layer: _Layer, plan: Plan) -> float:
@@ -227,15 +221,6 @@ def _blur_variance(layer: _Layer, plan: Plan) -> float:
         if layer.level > 0:
             variance = variance / 4**layer.level - MAGNIFIED_VARIANCE
     return max(variance - BIN_VARIANCE, 0.0)
-
-
-def _can_show(layer: _Layer, plan: Plan, area: _Window) -> bool:
-    """Whether a layer's blurred samples can reach an area of its cells at all."""
-    bin_size = area.cell / NEAR_BINS if layer.level == NEAR else area.cell
-    around = taps_radius(_blur_variance(layer, plan)) * bin_size + 2 * area.cell
-    start = np.array([area.left, area.top])
-    end = start + area.cell * np.array([area.columns, area.rows])
-    return bool((layer.low - around < end).all() and (layer.high + around > start).all())
 
 
 # The map of one layer.
@@ -323,27 +308,34 @@ def _blur_matrix(taps: Float64, cells: int, bins: int) -> Float64:
 # Layers far from focus.
 
 
-def _coarse_maps(samples: _Flat, survey: _Survey, plan: Plan) -> dict[int, Float64]:
-    """Filter the layers that are blurred so much that their reach is more than a tile.
+@dataclass(frozen=True)
+class _Map:
+    """The map of a layer, and where in it a tile or the image begins."""
 
-    Returns
-    -------
-    dict of int to ndarray, (5, bin rows, bin columns)
-        By layer. The image begins `MAP_MARGIN` bins from the map's corner.
-    """
-    maps: dict[int, Float64] = {}
-    side = plan.map_tile
-    for level in range(DEEPEST_TILE_LEVEL + 1, int(plan.slabs.levels.max(initial=0)) + 1):
-        cell = 2.0**level
-        height, width = (math.ceil(pixels / cell) + 2 * MAP_MARGIN for pixels in (plan.height, plan.width))
-        for tile in np.ndindex(plan.map_tiles(level)):
-            top, left = (index * side for index in tile)
-            area = _Window((left - MAP_MARGIN) * cell, (top - MAP_MARGIN) * cell, cell, side, side)
-            needed = replace(area, rows=min(side, height - top), columns=min(side, width - left))
-            here = np.s_[:, top : top + needed.rows, left : left + needed.columns]
-            for layer in _layers_near(survey, plan, area, [level]):
-                whole = maps.setdefault(layer.index, np.zeros((5, height, width)))
-                whole[here] = _filter(samples, layer, plan, needed)
+    bins: Float64  # (5, bin rows, bin columns)
+    size: int  # of a bin, in pixels
+    row: int  # of the first pixel of the tile or the image, in pixels from the map's corner
+    column: int
+
+
+def _coarse_maps(samples: _Flat, survey: _Survey, plan: Plan) -> dict[int, _Map]:
+    """Filter the layers that are blurred so much that their reach is more than a tile; maps by layer."""
+    maps: dict[int, _Map] = {}
+    for each in plan.coarse_passes():
+        for tile in np.ndindex(each.rows, each.columns):
+            top, left = (index * each.side - each.margin for index in tile)
+            height = min(each.side, plan.height + each.margin - top)
+            width = min(each.side, plan.width + each.margin - left)
+            area = _Window(left, top, 1.0, height, width)
+            for layer in _layers_near(survey, plan, area, range(each.first, each.last + 1)):
+                cell = 2**layer.level
+                window = _Window(left, top, cell, math.ceil(height / cell), math.ceil(width / cell))
+                row, column = (index * each.side // cell for index in tile)
+                if layer.index not in maps:
+                    shape = (5, each.rows * each.side // cell, each.columns * each.side // cell)
+                    maps[layer.index] = _Map(np.zeros(shape), cell, each.margin, each.margin)
+                here = np.s_[:, row : row + window.rows, column : column + window.columns]
+                maps[layer.index].bins[here] = _filter(samples, layer, plan, window)
     return maps
 
 
@@ -357,7 +349,7 @@ def _pixels_of_tile(plan: Plan, tile: int) -> tuple[slice, slice]:
 
 
 def _reconstruct_tile(
-    samples: _Flat, survey: _Survey, coarse: dict[int, Float64], plan: Plan, tile: int
+    samples: _Flat, survey: _Survey, coarse: dict[int, _Map], plan: Plan, tile: int
 ) -> tuple[list[_Layer], Float64]:
     """Layers of a tile, and what each adds to it: opacity and radiance, ``(layers, 4, rows, columns)``."""
     rows, columns = _pixels_of_tile(plan, tile)
@@ -369,9 +361,8 @@ def _reconstruct_tile(
     for layer in _layers_near(survey, plan, whole, range(NEAR, 100)):
         # Pixels around the tile that some part of the aperture sees in it.
         border = 0 if layer.level == NEAR else math.ceil(farthest_part * abs(layer.slope)) + 1
-        if _can_show(layer, plan, _bins_around(whole, border, layer.level)):
-            layers.append(layer)
-            maps.append(_map_of_tile(samples, coarse, plan, layer, visible, border))
+        layers.append(layer)
+        maps.append(_map_of_tile(samples, coarse, plan, layer, visible, border))
 
     sums = np.zeros((len(layers), 4, *shape))
     for u, v, weight in plan.aperture.parts.astype(np.float64):
@@ -385,24 +376,14 @@ def _reconstruct_tile(
     return layers, sums
 
 
-@dataclass(frozen=True)
-class _Map:
-    """The map of a layer, and where a tile is in it."""
-
-    bins: Float64  # (5, bin rows, bin columns)
-    size: int  # of a bin, in pixels
-    row: int  # of the tile's first pixel, in pixels from the map's corner
-    column: int
-
-
 def _map_of_tile(
-    samples: _Flat, coarse: dict[int, Float64], plan: Plan, layer: _Layer, visible: _Window, border: int
+    samples: _Flat, coarse: dict[int, _Map], plan: Plan, layer: _Layer, visible: _Window, border: int
 ) -> _Map:
     """Find the map of a layer that covers the pixels of a tile and a border around them."""
     size, top, left = 2 ** max(layer.level, 0), int(visible.top), int(visible.left)
     if layer.level > DEEPEST_TILE_LEVEL:
-        margin = MAP_MARGIN * size
-        return _Map(coarse[layer.index], size, top + margin, left + margin)
+        whole = coarse[layer.index]
+        return replace(whole, row=whole.row + top, column=whole.column + left)
     window = _bins_around(visible, border, layer.level)
     return _Map(_filter(samples, layer, plan, window), size, top - int(window.top), left - int(window.left))
 
@@ -472,16 +453,16 @@ def _magnify(layer_map: _Map, row: int, column: int, shape: tuple[int, int]) -> 
     Bins of several pixels are read linearly between their centres.
     """
 
-    def place(first: int, count: int) -> tuple[npt.NDArray[np.intp], Float64]:
-        position = (first + np.arange(count) + 0.5) / layer_map.size - 0.5
-        return position.astype(np.intp), position % 1
+    def place(first: int, count: int, bins: int) -> tuple[npt.NDArray[np.intp], Float64]:
+        position = np.clip((first + np.arange(count) + 0.5) / layer_map.size - 0.5, 0.0, bins - 1)
+        index = np.minimum(position.astype(np.intp), bins - 2)
+        return index, position - index
 
-    upper, down = place(layer_map.row + row, shape[0])
-    left, along = place(layer_map.column + column, shape[1])
     bins = layer_map.bins
-    lower, right = np.minimum(upper + 1, bins.shape[1] - 1), np.minimum(left + 1, bins.shape[2] - 1)
-    between = (1 - down[:, None]) * bins[:, upper] + down[:, None] * bins[:, lower]
-    return np.asarray((1 - along) * between[..., left] + along * between[..., right])
+    upper, down = place(layer_map.row + row, shape[0], bins.shape[1])
+    left, along = place(layer_map.column + column, shape[1], bins.shape[2])
+    between = (1 - down[:, None]) * bins[:, upper] + down[:, None] * bins[:, upper + 1]
+    return np.asarray((1 - along) * between[..., left] + along * between[..., left + 1])
 
 
 def _composite(cell: _Cell, shear: float, behind: _Visibility) -> Float64:
@@ -506,13 +487,16 @@ def _composite(cell: _Cell, shear: float, behind: _Visibility) -> Float64:
     """
     mean, opacity = behind.mean, cell.value[0]
     spare = (cell.known - mean) / np.maximum(1 - mean, MIN_COVERED)
-    counts = shear * np.clip(spare, 0.0, 1.0)
+    # A map's very edge has a slope but nothing to see.
+    counts = np.where(opacity > MIN_WEIGHT, shear * np.clip(spare, 0.0, 1.0), 0.0)
 
     covariance = counts * (behind.along_u * cell.step_x + behind.along_v * cell.step_y)
     unclamped = mean * cell.value + covariance
-    shown: Float64 = np.maximum(unclamped, 0.0)
-    # Where the two exclude each other as far as they can, or coincide as far as they can.
+    # Opacity is clamped to where the two exclude each other as far as they can, or coincide; what that adds or takes
+    # away has the layer's mean radiance.
     visible = np.clip(unclamped[0], np.maximum(mean + opacity - 1, 0.0), np.minimum(mean, opacity))
+    clamped = (visible - unclamped[0]) / np.maximum(opacity, MIN_WEIGHT)
+    shown: Float64 = np.maximum(unclamped + clamped * cell.value, 0.0)
     shown[0] = visible
 
     behind.along_u = behind.along_u * (1 - opacity) - mean * shear * cell.step_x[0]
