@@ -33,6 +33,7 @@ asan:  # the tests once more, with the native code under the sanitizers
 bench:  # needs the "bench" extra
 	$(PYTHON) benchmarks/quality.py
 	$(PYTHON) benchmarks/speed.py
+	$(PYTHON) benchmarks/robustness.py
 
 demo:
 	$(PYTHON) -m fewrays demo --out out

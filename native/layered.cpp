@@ -20,6 +20,7 @@ constexpr int patch_rows = 8, patch_columns = 64;
 constexpr int patch_area = patch_rows * patch_columns;
 constexpr float min_opacity = 1e-3f;
 constexpr float min_covered = 1e-3f;
+constexpr float min_weight = 1e-12f;
 constexpr float opaque = 1e-6f;  // of what shows through less, not even a light is seen
 constexpr int any_level = 100;   // more levels than there are
 
@@ -62,21 +63,24 @@ FEWRAYS_INLINE void composite_row(const float* FEWRAYS_RESTRICT seen, const floa
                                   float* FEWRAYS_RESTRICT sum_green, float* FEWRAYS_RESTRICT sum_blue) {
     for (int i = 0; i < columns; ++i) {
         const float t = mean[i], u = along_u[i], v = along_v[i];
-        const float spare = (seen[i] - t) / std::max(1.0f - t, min_covered);
-        const float counts = shear * std::min(std::max(spare, 0.0f), 1.0f);
-        const float with_u = counts * u, with_v = counts * v;
-
         const Interpolated a =
             interpolate(covers[i], covers[i + 1], covers[i + stride], covers[i + stride + 1], fx, fy);
-        float visible = t * a.value + with_u * a.step_x + with_v * a.step_y;
-        visible = std::min(std::max(visible, std::max(t + a.value - 1.0f, 0.0f)), std::min(t, a.value));
+        const float spare = (seen[i] - t) / std::max(1.0f - t, min_covered);
+        // A map's very edge has a slope but nothing to see.
+        const float counts = a.value > min_weight ? shear * std::min(std::max(spare, 0.0f), 1.0f) : 0.0f;
+        const float with_u = counts * u, with_v = counts * v;
+
+        const float unclamped = t * a.value + with_u * a.step_x + with_v * a.step_y;
+        const float visible = std::min(std::max(unclamped, std::max(t + a.value - 1.0f, 0.0f)), std::min(t, a.value));
+        // What the clamp adds or takes away has the layer's mean radiance.
+        const float alone = t + (visible - unclamped) / std::max(a.value, min_weight);
         sum_opacity[i] += weight * visible;
         const Interpolated er = interpolate(r[i], r[i + 1], r[i + stride], r[i + stride + 1], fx, fy);
-        sum_red[i] += weight * std::max(t * er.value + with_u * er.step_x + with_v * er.step_y, 0.0f);
+        sum_red[i] += weight * std::max(alone * er.value + with_u * er.step_x + with_v * er.step_y, 0.0f);
         const Interpolated eg = interpolate(g[i], g[i + 1], g[i + stride], g[i + stride + 1], fx, fy);
-        sum_green[i] += weight * std::max(t * eg.value + with_u * eg.step_x + with_v * eg.step_y, 0.0f);
+        sum_green[i] += weight * std::max(alone * eg.value + with_u * eg.step_x + with_v * eg.step_y, 0.0f);
         const Interpolated eb = interpolate(b[i], b[i + 1], b[i + stride], b[i + stride + 1], fx, fy);
-        sum_blue[i] += weight * std::max(t * eb.value + with_u * eb.step_x + with_v * eb.step_y, 0.0f);
+        sum_blue[i] += weight * std::max(alone * eb.value + with_u * eb.step_x + with_v * eb.step_y, 0.0f);
 
         const float clear = 1.0f - a.value, moved = t * shear;
         along_u[i] = u * clear - moved * a.step_x;
@@ -332,7 +336,7 @@ private:
             const int level = plan_.levels[target.layer];
             const int border = target.near ? 0 : static_cast<int>(std::ceil(offset_ * std::fabs(target.slope))) + 1;
             TileLayer layer{target.layer, level, target.slope, target.near, -1, {}};
-            if (border > plan_.tile) {
+            if (border > plan_.tile && level > plan_.deepest_tile_level) {
                 place_apart(layer, left, top);
             } else {
                 if (!place_together(layer, target, border, x, y)) continue;
@@ -430,8 +434,9 @@ private:
                               std::max(opaque_columns.end, columns.end - static_cast<int>(last - line_.rbegin()))};
         }
         const auto pixels = [&](const Span& opaque_bins, int origin, int& first, int& count) {
-            const int begin = std::max(opaque_bins.first * size - size / 2 - origin, first);
-            const int end = std::min(opaque_bins.end * size + size / 2 - origin, first + count);
+            // One more on each side: a pixel is read along with the next.
+            const int begin = std::max(opaque_bins.first * size - size / 2 - origin - 1, first);
+            const int end = std::min(opaque_bins.end * size + size / 2 - origin + 1, first + count);
             first = begin;
             count = end - begin;
             return count > 0;

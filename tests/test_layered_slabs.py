@@ -81,7 +81,7 @@ def test_bins_grow_with_the_distance_from_focus(ends: tuple[float, float], spaci
 
 
 def test_bins_are_no_wider_than_the_blur() -> None:
-    """Of one part of the aperture; up to twice as wide is room for, or bins are finer than they need to be."""
+    """That of one part of the aperture; nor less than half as wide, which would be a waste."""
     slabs = covering(-2000, 2000)
     inner = np.arange(1, slabs.count - 1)
     center = (slabs.boundaries[:-1] + slabs.boundaries[1:]).astype(np.float64) / 2

@@ -114,8 +114,8 @@ class TestPinhole:
 class TestTwoDiscs:
     """The paper's Figures 6 to 8: a disc in front of another, both out of focus, on black.
 
-    At the discs' edges they are seen from exclusive parts of the lens. The published method's average opacities take
-    away from the disc behind although nothing covers it there (Eq. 36 and 37).
+    At the discs' edges they are seen from exclusive parts of the lens. The published method's average
+    opacities take away from the disc behind although nothing covers it there (Eq. 36 and 37).
     """
 
     size = 96

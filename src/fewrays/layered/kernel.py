@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import numpy.typing as npt
 
@@ -111,14 +113,7 @@ def _coarse_maps(
         ]
         if not of_pass:
             continue
-        map_ranges(
-            lambda first, last, each=each, of_pass=of_pass: _native.coarse_tiles(
-                view, blocks, native_plan, of_pass, each.first, each.last, first, last
-            ),
-            each.rows * each.columns,
-            execution,
-            label="far layers",
-            chunk=1,
-        )
+        fill = partial(_native.coarse_tiles, view, blocks, native_plan, of_pass, each.first, each.last)
+        map_ranges(fill, each.rows * each.columns, execution, label="far layers", chunk=1)
         maps += of_pass
     return maps

@@ -114,10 +114,11 @@ class Plan:
         return self.tile_columns * -(-self.height // self.tile)
 
     def coarse_passes(self) -> list[CoarsePass]:
-        """How the layers beyond `DEEPEST_TILE_LEVEL` are filtered: two levels at a time, or all that are left.
+        """How the layers beyond `DEEPEST_TILE_LEVEL` are filtered: two levels at a time, or more.
 
         Layers of several levels share a pass over the samples. The deeper a level, the farther its samples lie from
-        where they count, so tiles grow with it; a tile that holds the whole image serves all deeper levels as well.
+        where they count, so tiles grow with it; a tile that holds the whole image serves deeper levels as well, as
+        long as the margin that these need does not outgrow it.
         """
         passes = []
         deepest = int(self.slabs.levels.max(initial=0))
@@ -126,8 +127,7 @@ class Plan:
             last = min(level + 1, deepest)
             side = MAP_TILE * 2**last
             if side >= max(self.height, self.width):
-                last = deepest
-                side = 2**last * -(-side // 2**last)
+                last = max(last, min(deepest, (side // MAP_MARGIN).bit_length() - 1))
             passes.append(CoarsePass.over(self.height, self.width, level, last, side))
             level = last + 1
         return passes

@@ -1,23 +1,24 @@
 """The layered method in plain NumPy, float64: the definition of what the native kernels compute.
 
-To read it, begin at the end of the story. A pixel's radiance is the mean, over the points of the lens, of what the
-nearest surface sends there. A surface of slope C that the lens centre sees at p is seen from the lens point u at
-p + C u. So one map of a surface, as the lens centre sees it, holds its image from everywhere on the lens:
+To read it, begin at the end of the story. A pixel's radiance is the mean, over the points of the lens, of
+what the nearest surface sends there. A surface of slope C that the lens centre sees at p is seen from the
+lens point u at p + C u. So one map of a surface, as the lens centre sees it, holds its image from everywhere
+on the lens:
 
-1. **Layers.** Samples are sorted by slope into thin layers (`slabs`). `_survey` notes, for every block of pixels,
-   which layers its samples belong to; `_layers_near` finds out which layers may matter to a tile.
-2. **Maps.** For each layer, `_scatter` takes samples back to where the lens centre would have seen them. Those of
-   the layer itself are hits; those of the layers behind went through it and are holes; those in front say nothing.
-   `_filter` blurs both by what a *part* of the aperture (`aperture`) and the pixel filter blur, and divides: that
-   gives the layer's opacity and its radiance times opacity.
-3. **Compositing.** For each part of the aperture the maps are moved to where its centre sees them and composited
-   front to back (`_composite`), and the parts are averaged by their weights.
+1. **Layers.** Samples are sorted by slope into thin layers (`slabs`). `_survey` notes, for every block of
+   pixels, which layers its samples belong to; `_layers_near` finds out which layers may matter to a tile.
+2. **Maps.** For each layer, `_scatter` takes samples back to where the lens centre would have seen them.
+   Those of the layer itself are hits; those of the layers behind went through it and are holes; those in
+   front say nothing. `_filter` blurs both by what a *part* of the aperture (`aperture`) and the pixel filter
+   blur, and divides: that gives the layer's opacity and its radiance times opacity.
+3. **Compositing.** For each part of the aperture the maps are moved to where its centre sees them and
+   composited front to back (`_composite`), and the parts are averaged by their weights.
 4. What stays transparent is missing data, not a dark background: the image is divided by its opacity.
 
-Layers near focus hardly move over the lens. Their maps are blurred by the whole aperture at once and not moved, on
-bins of a third of a pixel so that edges in focus stay sharp. Layers far from focus are blurred by many pixels and
-get by with bins of 2, 4, 8 … pixels, magnified when a tile needs them (`_magnify`); where bins are many pixels, one
-map serves the whole image (`_coarse_maps`).
+Layers near focus hardly move over the lens. Their maps are blurred by the whole aperture at once and not
+moved, on bins of a third of a pixel so that edges in focus stay sharp. Layers far from focus are blurred by
+many pixels and get by with bins of 2, 4, 8 … pixels, magnified when a tile needs them (`_magnify`); where
+bins are many pixels, one map serves the whole image (`_coarse_maps`).
 """
 
 from __future__ import annotations
@@ -77,12 +78,13 @@ def reconstruct_tiles(
     ----------
     samples : SampleBuffer
     plan : Plan
-        With ``slabs.levels`` clipped to at most 0, no layer is filtered on coarse bins: slow and as good as it gets.
+        With ``slabs.levels`` clipped to at most 0, no layer is filtered on coarse bins: slow and as good as
+        it gets.
     image : ndarray, (H, W, 3)
         Receives the radiance.
     counts : ndarray, (tiles,)
-        Receives the number of layers that have samples close enough to matter to each tile; the kernels leave out
-        some that turn out not to show.
+        Receives the number of layers that have samples close enough to matter to each tile; the kernels leave
+        out some that turn out not to show.
     slots : ndarray, (layers,)
         Where in `contributions` a layer goes.
     contributions : ndarray, (H, W, slots, 4), or None
@@ -187,10 +189,10 @@ def _survey(samples: _Flat, plan: Plan) -> _Survey:
 
 
 def _layers_near(survey: _Survey, plan: Plan, area: _Window, levels: Container[int]) -> Iterator[_Layer]:
-    """Yield the layers of some levels, front to back, that have samples close enough to an area to matter there.
+    """Yield the layers of some levels, front to back, that have samples close enough to matter to an area.
 
-    A sample is at most ``|C|`` from where the lens centre sees it, and that as far from the pixels it spreads to as
-    the aperture's parts reach.
+    A sample is at most ``|C|`` from where the lens centre sees it, and that as far from the pixels it spreads
+    to as the aperture's parts reach.
     """
     part_reach = float(np.abs(plan.aperture.parts[:, :2]).max()) + TAPS_REACH * plan.aperture.sigma
     start = np.array([area.left, area.top])
@@ -211,8 +213,8 @@ def _layers_near(survey: _Survey, plan: Plan, area: _Window, levels: Container[i
 def _blur_variance(layer: _Layer, plan: Plan) -> float:
     """Variance in bins² that remains to blur a layer by, along one axis.
 
-    Wanted is the pixel filter's variance and that of the aperture, or of a part of it, at the layer's slope. Bins and
-    interpolation have each a share in it already.
+    Wanted is the pixel filter's variance and that of the aperture, or of a part of it, at the layer's slope.
+    Bins and interpolation have each a share in it already.
     """
     if layer.level == NEAR:
         variance = NEAR_BINS**2 * (plan.pixel_variance + layer.slope**2 * plan.aperture_variance)
@@ -229,9 +231,9 @@ def _blur_variance(layer: _Layer, plan: Plan) -> float:
 def _filter(samples: _Flat, layer: _Layer, plan: Plan, window: _Window) -> Float64:
     """Map of a layer, ``(5, rows, columns)``: how well a cell is known, opacity, and radiance times opacity.
 
-    Near focus, each sample counts alike. Elsewhere each bin does that has a fair share of the samples (those with
-    less, in proportion), because samples at the lens centre cluster: where a layer is seen past an edge, only part of
-    the lens sees it, and unweighted the side that more of it sees would outweigh the other.
+    Near focus, each sample counts alike. Elsewhere each bin does that has a fair share of the samples (those
+    with less, in proportion), because samples at the lens centre cluster: where a layer is seen past an edge,
+    only part of the lens sees it, and unweighted the side that more of it sees would outweigh the other.
     """
     variance = _blur_variance(layer, plan)
     radius, bins = taps_radius(variance), NEAR_BINS if layer.level == NEAR else 1
@@ -274,8 +276,8 @@ def _scatter(
     hits : ndarray, (4, bin rows, bin columns)
         Number, and summed radiance, of the layer's own samples.
     count : ndarray, (bin rows, bin columns)
-        Number of hits and holes. Samples behind the layer met it, and found a hole, where a sample of the layer's
-        slope would have been.
+        Number of hits and holes. Samples behind the layer met it, and found a hole, where a sample of the
+        layer's slope would have been.
     """
     reached = samples.layer >= layer.index
     own = samples.layer[reached] == layer.index
@@ -468,13 +470,14 @@ def _magnify(layer_map: _Map, row: int, column: int, shape: tuple[int, int]) -> 
 def _composite(cell: _Cell, shear: float, behind: _Visibility) -> Float64:
     """Add a layer behind what is there: opacity and radiance that show, ``(4, rows, columns)``.
 
-    The mean, over a part of the aperture, of visibility times opacity is the product of their means plus their
-    covariance (what Eq. 34 of the paper leaves out). To first order both change linearly from one lens point to the
-    next, so their covariance is the product of their changes for one standard deviation, added up over u and v.
+    The mean, over a part of the aperture, of visibility times opacity is the product of their means plus
+    their covariance (what Eq. 34 of the paper leaves out). To first order both change linearly from one lens
+    point to the next, so their covariance is the product of their changes for one standard deviation, added
+    up over u and v.
 
-    No ray has seen a layer behind a cover, so where it is covered its map comes from the rays that passed: the two
-    means already belong together, and adding their covariance would count it twice. It counts by how much more of
-    the layer is known than the cover lets through.
+    No ray has seen a layer behind a cover, so where it is covered its map comes from the rays that passed:
+    the two means already belong together, and adding their covariance would count it twice. It counts by how
+    much more of the layer is known than the cover lets through.
 
     Parameters
     ----------
@@ -492,8 +495,8 @@ def _composite(cell: _Cell, shear: float, behind: _Visibility) -> Float64:
 
     covariance = counts * (behind.along_u * cell.step_x + behind.along_v * cell.step_y)
     unclamped = mean * cell.value + covariance
-    # Opacity is clamped to where the two exclude each other as far as they can, or coincide; what that adds or takes
-    # away has the layer's mean radiance.
+    # Opacity is clamped to where the two exclude each other as far as they can, or coincide; what that adds
+    # or takes away has the layer's mean radiance.
     visible = np.clip(unclamped[0], np.maximum(mean + opacity - 1, 0.0), np.minimum(mean, opacity))
     clamped = (visible - unclamped[0]) / np.maximum(opacity, MIN_WEIGHT)
     shown: Float64 = np.maximum(unclamped + clamped * cell.value, 0.0)

@@ -1,9 +1,9 @@
 """Taps of a Gaussian blur that has, discrete and cut off, exactly the variance asked for.
 
-Sampling a Gaussian at bins and cutting it off changes its variance: by a lot where it is narrower than a bin, and by
-some percent at any width because of the tails. Blurs here are meant to add up with the aperture's other spreads, so
-the variance is what must be right. Of all kernels ``exp(-t d²)`` the one is taken whose taps have that variance;
-Newton's method finds its t. Twin of ``native/math/blur_taps.h``.
+Sampling a Gaussian at bins and cutting it off changes its variance: by a lot where it is narrower than a bin,
+and by some percent at any width because of the tails. Blurs here are meant to add up with the aperture's
+other spreads, so the variance is what must be right. Of all kernels ``exp(-t d²)`` the one is taken whose
+taps have that variance; Newton's method finds its t. Twin of ``native/math/blur_taps.h``.
 """
 
 from __future__ import annotations
@@ -54,8 +54,9 @@ def _exponent_of_variance(variance: float, distance2: Float64, twice: Float64) -
     """Find t for which the taps exp(-t d²) have the given variance, by Newton's method on its reciprocal.
 
     With m₂ and m₄ the kernel's moments, dm₂/dt = m₂² - m₄, so the reciprocal of the variance grows at
-    (m₄ - m₂²) / m₂². It is convex in t and almost a straight line: 2 t for wide kernels, and for narrow ones, which
-    have three taps that matter, 1 + exp(t) / 2. One of the two inverted is a start close enough for Newton's method.
+    (m₄ - m₂²) / m₂². It is convex in t and almost a straight line: 2 t for wide kernels, and for narrow ones,
+    which have three taps that matter, 1 + exp(t) / 2. One of the two inverted is a start close enough for
+    Newton's method.
     """
     if variance >= float((twice * distance2).sum() / twice.sum()):
         return 0.0
