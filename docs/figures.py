@@ -1,9 +1,9 @@
-"""Figures and numbers of `layered.md`.
+"""Figures and numbers of `layered.md` and `layered-published.md`.
 
-Makes every picture and prints every table of that page, from scenes that need no renderer::
+Makes every picture and prints every table of the two pages, from scenes that need no renderer::
 
-    python docs/figures.py            # everything, a few minutes
-    python docs/figures.py discs      # one part
+    python docs/figures.py            # everything, several minutes
+    python docs/figures.py parts      # one part
 
 The truth of a scene is an image of many samples, or exact where the scene is a plane of waves. Unless a table
 says otherwise: 8 samples per pixel, a Gaussian lens of sigma 1/3 sampled uniformly over its square, as in the
@@ -12,12 +12,15 @@ paper, and PSNR after clip to [0, 1] and gamma 2.2. Borders, where samples are m
 
 from __future__ import annotations
 
+import math
+import subprocess
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import numpy.typing as npt
@@ -28,17 +31,22 @@ from PIL import ImageDraw, ImageFont
 from fewrays import Lens, SampleBuffer, reconstruct
 from fewrays.color import srgb_decode, srgb_encode
 from fewrays.display import Panel, error_picture, save_picture, sheet, tone_map
-from fewrays.layered_published import LayeredOptions
-from fewrays.layered_published import reference as definition
-from fewrays.layered_published.filters import FilterRule, LayerFilter, ScreenKernel, screen_taps
+from fewrays.layered import LayeredOptions, kernel
+from fewrays.layered import plan as layered_plan
+from fewrays.layered.aperture import ApertureParts
+from fewrays.layered_published import PublishedOptions
+from fewrays.layered_published import plan as published_plan
+from fewrays.layered_published import reference as published_reference
+from fewrays.layered_published.filters import FilterRule, LayerFilter
 from fewrays.layered_published.partitions import Partitions
-from fewrays.layered_published.plan import Plan
 from fewrays.lens import Aperture, Sampling
 from fewrays.method import Image
 from fewrays.metrics import psnr_display
+from fewrays.parallel import Execution
 from fewrays.sources.analytic import (
     Mask,
     Plane,
+    Texture,
     Waves,
     checker,
     constant,
@@ -54,7 +62,7 @@ from fewrays.sources.analytic import (
 
 IMAGES = Path(__file__).parent / "images"
 SPP, TRUTH_SPP, BORDER = 8, 256, 16
-DEFAULT, PUBLISHED = LayeredOptions(), asdict(LayeredOptions.published())
+PUBLISHED = "layered-published"
 
 Floats = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.uint8]
@@ -65,6 +73,7 @@ INK: Color = (32, 34, 40)
 GREY: Color = (150, 152, 158)
 ORANGE: Color = (214, 96, 12)
 BLUE: Color = (24, 110, 190)
+GREEN: Color = (40, 140, 70)
 
 
 # Tables and small measures.
@@ -97,6 +106,35 @@ def rms_error(image: Image, truth: Image, border: int = BORDER) -> float:
 def make_lens(aperture: Aperture = "gaussian", sampling: Sampling = "square", sigma: float = 1 / 3) -> Lens:
     """Return a lens for which every slope between -400 and 100 pixels has a depth."""
     return Lens(-500.0, 100.0, aperture, sampling, sigma)
+
+
+def cpu_seconds(run: Callable[[], object], repetitions: int) -> float:
+    """Return the least CPU time of several runs."""
+    times = []
+    for _ in range(repetitions):
+        start = time.process_time()
+        run()
+        times.append(time.process_time() - start)
+    return min(times)
+
+
+def relative_times(
+    samples: SampleBuffer, choices: Sequence[dict[str, Any]], base: int, method: str = "layered"
+) -> list[float]:
+    """Return the CPU time of each choice of options over that of the one at index `base`, on one thread."""
+    rounds = [
+        [cpu_seconds(lambda: reconstruct(samples, method, threads=1, **chosen), 1) for chosen in choices]  # noqa: B023
+        for _ in range(6)
+    ]
+    best = np.min(rounds, axis=0)
+    return [float(seconds / best[base]) for seconds in best]
+
+
+def seam_ratio(image: Image, truth: Image) -> float:
+    """How much more the error jumps from pixel to pixel across borders of 32 px than elsewhere."""
+    jump = np.abs(np.diff(inner(image - truth), axis=1)).mean(axis=(0, 2))
+    border = (np.arange(len(jump)) + BORDER + 1) % 32 == 0
+    return float(jump[border].mean() / jump[~border].mean())
 
 
 LENS = make_lens()
@@ -162,6 +200,70 @@ def leaves_samples() -> SampleBuffer:
     return sample(leaves(), LENS, 128, 192, SPP)
 
 
+@cache
+def wide_leaves() -> SampleBuffer:
+    """Return samples of the leaves, repeated over an image that is large enough to measure times."""
+    planes = leaves()
+    for i, plane in enumerate(planes):
+        planes[i] = replace(plane, color=repeated(plane.color), mask=plane.mask and repeated(plane.mask))
+    return sample(planes, LENS, 384, 576, SPP)
+
+
+def repeated(function: Callable[[Floats], Any]) -> Callable[[Floats], Any]:
+    """Return a texture or mask repeated every 160 pixels along both axes."""
+    return lambda xy: function(np.mod(xy, 160))
+
+
+@cache
+def floor_truth() -> Image:
+    """Return the true image of `floor`."""
+    return reference(floor(), LENS, 96, 96, spp=TRUTH_SPP)
+
+
+@cache
+def floor_samples() -> SampleBuffer:
+    """Return samples of `floor`."""
+    return sample(floor(), LENS, 96, 96, SPP)
+
+
+def two_discs_planes(slope: float, front_radius: float) -> list[Plane]:
+    """Return a red disc before a green one, both out of focus, before black (the paper's Figure 6)."""
+    return [
+        Plane(at_slope(-slope), constant(1.0, 0.0, 0.0), disc((48, 48), front_radius)),
+        Plane(at_slope(slope), constant(0.0, 1.0, 0.0), disc((48, 48), 14)),
+        Plane(at_slope(30), constant(0.0)),
+    ]
+
+
+def two_discs_samples(slope: float, front_radius: float, spp: int = 16) -> SampleBuffer:
+    """Return samples of the two discs."""
+    return sample(two_discs_planes(slope, front_radius), LENS, 96, 96, spp)
+
+
+@cache
+def two_discs(slope: float, front_radius: float) -> dict[str, Image]:
+    """Return the true image of the two discs, and the one that Eq. 37 predicts from each disc's own image."""
+    planes = two_discs_planes(slope, front_radius)
+    red, green = (reference([plane, planes[2]], LENS, 96, 96, spp=2 * TRUTH_SPP) for plane in planes[:2])
+    return {
+        "truth": reference(planes, LENS, 96, 96, spp=2 * TRUTH_SPP),
+        "predicted": red + (1 - red[..., :1]) * green,
+    }
+
+
+def _loss(truth: Image, image: Image) -> tuple[float, float, float]:
+    """Largest loss, mean absolute error and lost light of the green disc, in percent."""
+    loss = 100 * (truth - image)[..., 1]
+    return float(loss.max()), float(np.abs(loss).mean()), float(loss.sum() / truth[..., 1].sum())
+
+
+def moved(plane: Plane, by: float) -> Plane:
+    """Return a plane moved right and down by some pixels."""
+    color, mask = plane.color, plane.mask
+    shifted: Texture = lambda xy: color(xy - by)  # noqa: E731
+    return Plane(plane.depth, shifted, None if mask is None else lambda xy: mask(xy - by))
+
+
 def square_wave(period: float, harmonics: int = 15) -> Waves:
     """Return soft-edged bars as a sum of waves, whose blurred image is exact."""
     order = 2 * np.arange(harmonics) + 1
@@ -171,58 +273,70 @@ def square_wave(period: float, harmonics: int = 15) -> Waves:
     return Waves(np.full(3, 0.5), amplitude, frequency, np.full(harmonics, -np.pi / 2))
 
 
-# The method with one departure undone that has no option, run by its NumPy definition.
-
-
-@dataclass(frozen=True)
-class CoarseBins(FilterRule):
-    """Matched widths on bins of one pixel, whose variance is subtracted as usual."""
-
-    def kernel(self, variance: float, ring: int) -> ScreenKernel:
-        """Return the discrete filter."""
-        return ScreenKernel(1, screen_taps(max(variance - 1 / 12, 1e-12), ring, exact=True))
+# The published method with a rule of its own, run by its NumPy definition.
 
 
 @dataclass(frozen=True)
 class UnboundedWeights(FilterRule):
     """Importance samples divided by their density, whatever comes out."""
 
-    def filter(self, c_min: float, c_max: float, occlusion: float = 0.0) -> LayerFilter:
+    def filter(self, c_min: float, c_max: float) -> LayerFilter:
         """Return the filter of a layer."""
-        uniform = FilterRule(**{**vars(self), "sampling": "square"}).filter(c_min, c_max, occlusion)
+        uniform = FilterRule(**{**vars(self), "sampling": "square"}).filter(c_min, c_max)
         return replace(uniform, falloff=uniform.falloff - 0.5 / self.sampling_sigma**2)
 
 
-def define(samples: SampleBuffer, kind: type[FilterRule]) -> Image:
-    """Reconstruct with a filter rule of another kind and the default options."""
-    base = FilterRule.for_lens(
-        samples.lens,
-        "matched",
-        sigma_pix=DEFAULT.sigma_pix,
-        max_sigma_x=DEFAULT.max_sigma_x,
-        occluded_sigma_x=5 / np.sqrt(samples.spp),
-    )
+def published_rule(lens: Lens) -> FilterRule:
+    """Return the published method's filter rule with its default options."""
+    options = PublishedOptions()
+    return FilterRule.for_lens(lens, "sheared", sigma_pix=options.sigma_pix, max_sigma_x=options.max_sigma_x)
+
+
+def published_with(samples: SampleBuffer, rule: FilterRule) -> Image:
+    """Reconstruct with the published method's default options and another filter rule."""
+    options = PublishedOptions()
     partitions = Partitions.of_constant_energy(
-        DEFAULT.partitions,
-        sigma_u=base.sigma_u,
-        sigma_x=DEFAULT.partition_sigma_x,
-        bin_size=DEFAULT.bin_size,
+        options.partitions,
+        sigma_u=rule.sigma_u,
+        sigma_x=options.partition_sigma_x,
+        bin_size=options.bin_size,
     )
-    plan = Plan(
+    plan = published_plan.Plan(
         height=samples.height,
         width=samples.width,
-        tile=DEFAULT.tile,
-        ring=DEFAULT.ring,
+        tile=options.tile,
+        ring=options.ring,
         partitions=partitions,
-        rule=kind(**vars(base)),
+        rule=rule,
         max_layers=None,
         slots=np.full(partitions.count, -1, np.int32),
     )
     image = np.zeros((samples.height, samples.width, 3), np.float32)
     for tile in range(plan.tile_count):
         row, column, height, width = plan.tile_rectangle(tile)
-        pixels, _ = definition.reconstruct_tile(samples, plan, tile, None)
+        pixels, _ = published_reference.reconstruct_tile(samples, plan, tile, None)
         image[row : row + height, column : column + width] = pixels
+    return image
+
+
+# The layered method with one idea taken out.
+
+
+def layered_with(
+    samples: SampleBuffer, *, levels: bool = True, by_place: bool = True, threads: int | None = None
+) -> Image:
+    """Reconstruct with the default options, but without coarse bins or weights by place."""
+    options = LayeredOptions()
+    plan = layered_plan.Plan.for_samples(samples, **asdict(options))
+    if not levels:
+        slabs = replace(plan.slabs, levels=np.minimum(plan.slabs.levels, 0))
+        plan = replace(plan, slabs=slabs)
+    image = np.zeros((plan.height, plan.width, 3), np.float32)
+    counts = np.zeros(plan.tile_count, np.int32)
+    slots = np.arange(plan.slabs.count, dtype=np.int32)
+    full_weight = layered_plan.FULL_WEIGHT if by_place else 1e4  # which no bin reaches
+    with patch.object(kernel, "FULL_WEIGHT", full_weight):
+        kernel.reconstruct_tiles(samples, plan, image, counts, slots, None, Execution(threads=threads))
     return image
 
 
@@ -278,19 +392,38 @@ def enlarge(picture: Picture, factor: int) -> Picture:
 
 
 def write(name: str, rows: Sequence[Sequence[Panel]]) -> None:
-    """Write a sheet of panels to ``images/layered-<name>.png``."""
+    """Write a sheet of panels to ``images/<name>.png``."""
     IMAGES.mkdir(exist_ok=True)
-    path = IMAGES / f"layered-{name}.png"
+    path = IMAGES / f"{name}.png"
     page = sheet(rows)
-    palette = page.quantize(256, dither=Pillow.Dither.NONE) if page.width * page.height > 700_000 else page
-    save_picture(path, palette)
+    save_picture(path, page)
     print(f"\n{path.name}: {page.width} x {page.height}, {path.stat().st_size / 1000:.0f} kB")
 
 
-# Parts.
+def difference(image: Image, truth: Image, factor: float) -> Picture:
+    """Return the difference of two images, magnified, around grey."""
+    return np.asarray(255 * np.clip(0.5 + factor * (image - truth), 0, 1), np.uint8)
 
 
-def epipolar() -> None:
+def layer_colors(shares: npt.NDArray[np.floating]) -> Image:
+    """Mix one colour per layer by the layers' shares of each pixel, (H, W, L)."""
+    place = np.linspace(0, 1, shares.shape[2])[:, None]
+    palette = np.hstack(
+        [np.clip(1 - 2 * place, 0, 1), 1 - np.abs(2 * place - 1), np.clip(2 * place - 1, 0, 1)]
+    )
+    return np.asarray(shares @ palette, np.float32)
+
+
+def visible_opacity(opacity: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+    """Return what each layer shows of itself, from opacities front to back."""
+    behind = np.cumprod(1 - opacity, axis=2)
+    result: npt.NDArray[np.floating] = opacity * np.concatenate(
+        [np.ones_like(behind[..., :1]), behind[..., :-1]], axis=2
+    )
+    return result
+
+
+def _epipolar(*, full_shear: bool) -> list[list[Panel]]:
     """Draw a slice of the light field, its samples, and one layer's samples after scattering."""
     width, height, span = 760, 190, 64.0
     planes = [
@@ -323,33 +456,529 @@ def epipolar() -> None:
     few_x = (np.arange(pixels)[:, None] + rng.random(strata.shape)).ravel()
     few_u = 2 * ((strata + rng.random(strata.shape)) / SPP).ravel() - 1
     color, front = rays(few_x, few_u)
-    eta = FilterRule.for_lens(LENS, "paper", sigma_pix=0.5, max_sigma_x=8.0).filter(-12, -12).eta
+    eta = -12.0 if full_shear else published_rule(LENS).filter(-12, -12).eta
     sampled = Plot(width, height, (0, span), (-1, 1))
     scattered = Plot(width, height, (0, span), (-1, 1))
     shown = tone_map(color[None].astype(np.float32))[0].tolist()
     for x_i, u_i, color_i, front_i in zip(few_x, few_u, shown, front, strict=True):
         sampled.dot(x_i, u_i, tuple(color_i), 3)
         scattered.dot(x_i - eta * u_i, u_i, tuple(color_i) if front_i else (205, 206, 210), 3)
-    write(
-        "epipolar",
+    if full_shear:
+        titles = ("The front layer's hits (red) and holes (grey), moved to x - C u with C = -12",
+                  "as the lens centre sees them: the object stands upright")  # fmt: skip
+    else:
+        titles = (f"The front layer's hits (red) and holes (grey), moved to x - eta u with eta = {eta:.1f}",
+                  "the object leans a little; a blur along x alone finishes the filter")  # fmt: skip
+    return [
         [
+            Panel(
+                dense.picture(),
+                "A slice of the light field",
+                "image position x to the right, lens position u upwards",
+            )
+        ],
+        [Panel(sampled.picture(), "What the renderer traced: 8 samples per pixel")],
+        [Panel(scattered.picture(), *titles)],
+    ]
+
+
+# Parts of layered.md.
+
+
+def overview() -> None:
+    """Show what the method makes of a few samples, beside the others, and measure it by samples per pixel."""
+    truth = leaves_truth()
+    methods = {"box": "box", "published": PUBLISHED, "layered": "layered"}
+    rows: list[list[object]] = []
+    for spp in (1, 2, 4, 8, 16):
+        samples = sample(leaves(), LENS, 128, 192, spp)
+        images = {name: reconstruct(samples, method) for name, method in methods.items()}
+        if spp == SPP:
+            shown = images
+        rows.append([f"{spp} spp", *(quality(image, truth) for image in images.values())])
+    print_table("overview: PSNR in dB on the leaves", ("leaves", *methods), rows)
+
+    panels = [
+        Panel(enlarge(tone_map(inner(i)), 3), n, f"{quality(i, truth):.1f} dB") for n, i in shown.items()
+    ]
+    panels.append(Panel(enlarge(tone_map(inner(truth)), 3), "truth", f"{TRUTH_SPP} samples per pixel"))
+    write("layered-overview", [panels[:2], panels[2:]])
+
+
+def centre() -> None:
+    """Show a slice of the light field moved to the lens centre, and measure what is left of the noise."""
+    write("layered-epipolar", _epipolar(full_shear=True))
+
+    methods = ("box", PUBLISHED, "layered")
+    rows: list[tuple[object, ...]] = []
+    for slope in (0, 0.7, 1.4, 2, 4, 8, 16, 32):
+        planes = [Plane(at_slope(slope), checker(4.4))]
+        samples, truth = sample(planes, LENS, 96, 96, SPP), reference(planes, LENS, 96, 96, spp=TRUTH_SPP)
+        errors = [rms_error(reconstruct(samples, method), truth, 32) for method in methods]
+        texture = smooth_noise(6, seed=3)
+        exact = exact_waves(texture, at_slope(slope), LENS, 160, 160)
+        samples = sample([Plane(at_slope(slope), texture)], LENS, 160, 160, SPP)
+        images = [reconstruct(samples, method) for method in methods[1:]]
+        images.append(reconstruct(samples, aperture_parts=1))
+        psnr = [quality(image, exact, 48) for image in images]
+        rows.append((slope, *(f"{e:.2f}" for e in errors), *psnr))
+    print_table(
+        "centre: checkerboard of 4.4 px, RMS error in % of white; smooth noise, PSNR in dB",
+        (
+            "C in px",
+            *(f"checkerboard: {name}" for name in ("box", "published", "layered")),
+            "smooth noise: published",
+            "layered",
+            "aperture_parts=1",
+        ),
+        rows,
+    )
+
+
+def spacing() -> None:
+    """Lay out the layers, and measure what thinner and thicker ones gain."""
+    boundaries = layered_plan.Plan.for_samples(floor_samples(), **asdict(LayeredOptions())).slabs.boundaries
+    behind = ", ".join(f"{b:.3g}" for b in boundaries[boundaries > 0])
+    print(f"\n### spacing: boundaries behind the focal plane, px\n\n{behind}")
+
+    inputs = {"floor": floor_samples(), "leaves": leaves_samples()}
+    truths = {"floor": floor_truth(), "leaves": leaves_truth()}
+    rows: list[list[object]] = []
+    default = LayeredOptions().layer_spacing
+    steps = sorted({0.08, 0.11, default, 0.2, 0.28, 0.4, 0.7, 1.0})
+    choices: dict[float, dict[str, Any]] = {step: {"layer_spacing": step} for step in steps}
+    for step, options in choices.items():
+        row: list[object] = [f"{step:g}{' (default)' if step == default else ''}"]
+        for scene, samples in inputs.items():
+            image, aovs = reconstruct(samples, aovs=True, **options)
+            row += [quality(image, truths[scene]), float(aovs["layer_count"].mean())]
+        rows.append(row)
+    wide = sample(floor(), LENS, 96, 576, SPP)
+    times = relative_times(wide, list(choices.values()), steps.index(default))
+    for row, ratio in zip(rows, times, strict=True):
+        row.append(f"{ratio:.2f}")
+    print_table(
+        "spacing",
+        ("layer_spacing", "floor, dB", "layers", "leaves, dB", "layers", "CPU time, floor"),
+        rows,
+    )
+
+
+def levels() -> None:
+    """Measure bins that grow with the blur against pixels for everything, with ever larger blur."""
+    margin, height, width = 160, 128, 192
+    rows: list[list[object]] = []
+    all_samples = []
+    for factor in (1, 2, 4, 8):
+        lens = Lens(factor * LENS.c0, factor * LENS.c1, "gaussian", "square")
+        truth = reference(leaves(), lens, height, width, spp=TRUTH_SPP)
+        samples = sample(
+            [moved(plane, margin) for plane in leaves()], lens, height + 2 * margin, width + 2 * margin, SPP
+        )
+        all_samples.append(samples)
+        images = [reconstruct(samples, PUBLISHED), layered_with(samples, levels=False), reconstruct(samples)]
+        windows = [inner(image, margin) for image in images]
+        rows.append(
             [
-                Panel(
-                    dense.picture(),
-                    "A slice of the light field",
-                    "image position x to the right, lens position u upwards",
-                )
-            ],
-            [Panel(sampled.picture(), "What the renderer traced: 8 samples per pixel")],
-            [
-                Panel(
-                    scattered.picture(),
-                    f"The front layer's hits (red) and holes (grey), moved to x - eta u with eta = {eta:.1f}",
-                    "the object stands upright; a blur along x alone finishes the filter",
-                )
-            ],
+                f"x {factor}: -{16 * factor} to {14 * factor} px",
+                *(f"{psnr_display(window, truth):.2f}" for window in windows),
+                psnr_display(windows[2], windows[1]),
+            ]
+        )
+    runs: list[Callable[[SampleBuffer], object]] = [
+        lambda s: layered_with(s, levels=False, threads=1),
+        lambda s: reconstruct(s, threads=1),
+    ]
+    times = [
+        [cpu_seconds(lambda: run(samples), 3) for run in runs]  # noqa: B023
+        for samples in all_samples
+    ]
+    for row, (plain, ours) in zip(rows, times, strict=True):
+        row += [f"{plain / times[0][1]:.2f}", f"{ours / times[0][1]:.2f}"]
+    head = ("slopes", "published, dB", "pixels only, dB", "layered, dB", "layered against pixels only, dB")
+    print_table("levels", (*head, "CPU time, pixels only", "CPU time, layered"), rows)
+
+
+def place() -> None:
+    """Measure weighing bins by place against weighing them by the samples in them."""
+    rows: list[tuple[object, ...]] = []
+    for slope in (2, 4, 8, 16, 32):
+        planes = [Plane(at_slope(slope), checker(4 * slope**0.5))]
+        truth = reference(planes, LENS, 128, 128, spp=2 * TRUTH_SPP)
+        row: list[object] = [slope]
+        for spp in (2, 8):
+            samples = sample(planes, LENS, 128, 128, spp)
+            images = (layered_with(samples, by_place=False), reconstruct(samples))
+            row += [quality(image, truth, 40) for image in images]
+        rows.append(tuple(row))
+    head = ("C in px", *(f"{spp} spp, {name}" for spp in (2, 8) for name in ("by samples", "by place")))
+    print_table("place: checkerboard, PSNR in dB", head, rows)
+
+
+def parts() -> None:
+    """Split the aperture in parts: how well they add up to it, and what they gain."""
+    u = np.linspace(-4, 4, 4001)
+    rows: list[tuple[object, ...]] = []
+    inputs = {"leaves": leaves_samples(), "two discs": two_discs_samples(24, 14)}
+    truths = {"leaves": leaves_truth(), "two discs": two_discs(24, 14)["truth"]}
+    counts = (1, 2, 3, 5)
+    times = relative_times(wide_leaves(), [{"aperture_parts": n} for n in counts], 2)
+    shown: list[list[Panel]] = [[], [], []]
+    for n, ratio in zip(counts, times, strict=True):
+        split = ApertureParts.split(1.0, n)
+        axis = split.parts[:n].astype(np.float64)  # one row of parts
+        weights = axis[:, 2] / axis[:, 2].sum()
+        mixture = np.exp(-0.5 * ((u[:, None] - axis[:, 0]) / split.sigma) ** 2) @ weights / split.sigma
+        deviation = 100 * np.abs(mixture - np.exp(-0.5 * u**2)).max()
+        images = {name: reconstruct(samples, aperture_parts=n) for name, samples in inputs.items()}
+        psnr = {name: quality(image, truths[name]) for name, image in images.items()}
+        rows.append((n, f"{split.sigma:.2f}", f"{deviation:.1f}", *psnr.values(), f"{ratio:.2f}"))
+        if n in (1, 3, 5):
+            title = f"{n} part{'s' * (n > 1)} along an axis"
+            off = {name: difference(inner(image), inner(truths[name]), 4) for name, image in images.items()}
+            shown[0].append(Panel(enlarge(off["leaves"], 2), title, f"leaves, {psnr['leaves']:.1f} dB"))
+            discs_shown = tone_map(inner(images["two discs"]))
+            shown[1].append(Panel(enlarge(discs_shown, 4), f"two discs, {psnr['two discs']:.1f} dB"))
+            shown[2].append(Panel(enlarge(off["two discs"], 4)))
+    head = ("aperture_parts", "r", "worst error of the sum, % of its peak", "leaves, dB", "two discs, dB")
+    print_table("parts", (*head, "CPU time, leaves"), rows)
+    shown[0].append(Panel(enlarge(tone_map(inner(truths["leaves"])), 2), "truth"))
+    shown[1].append(Panel(enlarge(tone_map(inner(truths["two discs"])), 4), "truth"))
+    write("layered-parts", shown)
+
+
+def covariance() -> None:
+    """Compare the covariance of two layers' edges over the lens with its first-order estimate."""
+    sigma, pixel = 1 / 3, 0.5
+    x = np.linspace(-30, 30, 601)
+    rows: list[tuple[object, ...]] = []
+    cases = ((-16.0, 14.0), (-16.0, -9.0), (-16.0, 5.0), (8.0, 14.0))
+    for n in (1, 2, 3, 5):
+        row: list[object] = [n]
+        for front, back in cases:
+            truth = _edges_truth(x, front, back, sigma, pixel)
+            for order in (0, 1):
+                estimate = _edges_estimate(x, front, back, sigma, pixel, n, order)
+                row.append(100 * float(np.abs(estimate - truth).max()))
+        rows.append(tuple(row))
+    head = ("aperture_parts", *(f"C = {f:g}, {b:g}: {o}" for f, b in cases for o in ("means", "first order")))
+    print_table("covariance: worst error of what shows behind an edge, in %", head, rows)
+
+    front, back = cases[0]
+    plot = Plot(760, 260, (-24, 24), (-0.02, 0.56))
+    plot.line([(-24, 0), (24, 0)], GREY, 1)
+    for name, color, y, values in (
+        ("truth", INK, 0.5, _edges_truth(x, front, back, sigma, pixel)),
+        ("product of the means", BLUE, 0.44, _edges_estimate(x, front, back, sigma, pixel, 1, 0)),
+        ("first order", ORANGE, 0.38, _edges_estimate(x, front, back, sigma, pixel, 1, 1)),
+        ("first order, 3 parts", GREEN, 0.32, _edges_estimate(x, front, back, sigma, pixel, 3, 1)),
+    ):
+        plot.line(list(zip(x.tolist(), values.tolist(), strict=True)), color, 2)
+        plot.text(-23, y, name, color)
+    plot.text(10, 0.5, "image position from -24 to 24 px", size=13)
+    title = "What shows of a surface behind, whose edge lies under the edge of a cover in front"
+    write("layered-covariance", [[Panel(plot.picture(), title, "slopes of -16 and 14 px")]])
+
+
+def _normal_cdf(x: Floats) -> Floats:
+    return np.array([0.5 * math.erfc(-t / math.sqrt(2)) for t in x])
+
+
+def _edges_truth(x: Floats, front: float, back: float, sigma: float, pixel: float) -> Floats:
+    """Mean over the lens of a cover's transmittance times the presence of what is behind it."""
+    u, weights = np.polynomial.hermite_e.hermegauss(200)
+    values = [
+        weight * _normal_cdf((x - front * sigma * t) / pixel) * _normal_cdf(-(x - back * sigma * t) / pixel)
+        for t, weight in zip(u, weights / weights.sum(), strict=True)
+    ]
+    return np.asarray(np.sum(values, axis=0))
+
+
+def _edges_estimate(
+    x: Floats, front: float, back: float, sigma: float, pixel: float, count: int, order: int
+) -> Floats:
+    """Estimate the same from each part's means and, to first order, their covariance."""
+    split = ApertureParts.split(sigma**2, count)
+    result = np.zeros_like(x)
+    for u, _, weight in split.parts[:count].astype(np.float64):
+        passed, present = math.hypot(pixel, front * split.sigma), math.hypot(pixel, back * split.sigma)
+        a, b = (x - front * u) / passed, -(x - back * u) / present
+        slope_a, slope_b = (np.exp(-0.5 * t**2) / math.sqrt(2 * math.pi) for t in (a, b))
+        gradients = -slope_a / passed * slope_b / present
+        mean_a, mean_b = _normal_cdf(a), _normal_cdf(b)
+        together = mean_a * mean_b + order * split.sigma**2 * front * back * gradients
+        bounded = np.clip(together, np.maximum(mean_a + mean_b - 1, 0), np.minimum(mean_a, mean_b))
+        result += weight / split.parts[:count, 2].sum() * bounded
+    return result
+
+
+def covered() -> None:
+    """Measure what is under a cover that fewer and fewer rays pass (section 7.1.4)."""
+    rows: list[tuple[object, ...]] = []
+    shown: list[list[Panel]] = [[], [], []]
+    for fill in (0.5, 0.8, 0.9, 0.95):
+        cover = Plane(at_slope(-12), constant(0.05, 0.12, 0.03), stripes(16, fill=fill, direction=(1, 0.4)))
+        row: list[object] = [f"{100 - 100 * fill:.0f} %"]
+        for behind in (0, 6):
+            planes = [cover, Plane(at_slope(behind), checker(8, (0.2, 0.1, 0.1), (0.9, 0.8, 0.6)))]
+            truth = reference(planes, LENS, 96, 128, spp=2 * TRUTH_SPP)
+            samples = sample(planes, LENS, 96, 128, SPP)
+            images = {name: reconstruct(samples, name) for name in ("box", PUBLISHED, "layered")}
+            row += [f"{rms_error(image, truth):.2f}" for image in images.values()]
+            if (fill, behind) in ((0.8, 6), (0.9, 0)):
+                title = f"{100 - 100 * fill:.0f} % pass, wall at {behind} px"
+                shown[0].append(Panel(enlarge(tone_map(inner(truth), 1.0), 4), f"truth: {title}"))
+                for line, method in ((shown[1], PUBLISHED), (shown[2], "layered")):
+                    picture = enlarge(tone_map(inner(images[method]), 1.0), 4)
+                    line.append(Panel(picture, method, f"{quality(images[method], truth):.1f} dB"))
+        rows.append(tuple(row))
+    names = ("box", "published", "layered")
+    head = ("rays that pass", *(f"wall at {b} px: {n}" for b in (0, 6) for n in names))
+    print_table("covered: bars of C = -12 px before a wall, RMS error in % of white", head, rows)
+    write("layered-covered", shown)
+
+
+def lights() -> None:
+    """Follow a light a thousand times brighter than the scene in four places, and tone-mapped input."""
+    rows: list[tuple[object, ...]] = []
+    shown: list[list[Panel]] = [[], [], []]
+    light = (constant(1000.0), disc((48, 48), 3))
+    wall, bars = smooth_noise(8, waves=8, seed=1), stripes(16, direction=(1, 0.5))
+    for name, planes in (
+        ("in focus", [Plane(at_slope(6), wall), Plane(at_slope(0), *light)]),
+        ("out of focus", [Plane(at_slope(14), wall), Plane(at_slope(10), *light)]),
+        (
+            "behind a cover",
+            [Plane(at_slope(8), wall), Plane(at_slope(4), *light), Plane(at_slope(-10), constant(0.2), bars)],
+        ),
+        ("in front", [Plane(at_slope(0), wall), Plane(at_slope(-10), *light)]),
+    ):
+        truth = reference(planes, LENS, 96, 96, spp=4 * TRUTH_SPP)
+        images: dict[str, list[Image]] = {"box": [], PUBLISHED: [], "layered": []}
+        for seed in range(16):
+            samples = sample(planes, LENS, 96, 96, SPP, seed=seed)
+            for method, runs in images.items():
+                runs.append(reconstruct(samples, method))
+        row: list[object] = [name]
+        for runs in images.values():
+            total = np.array([image.sum(dtype=np.float64) for image in runs]) / truth.sum(dtype=np.float64)
+            row.append(f"{total.mean():.3f} ± {total.std():.3f}")
+        row.append(f"{min(float(image.min()) for image in images['layered']):.2f}")
+        rows.append(tuple(row))
+        exposure = -math.log2(truth.max())
+        for line, (kind, image) in zip(
+            shown,
+            {"truth": truth, "published": images[PUBLISHED][0], "layered": images["layered"][0]}.items(),
+            strict=True,
+        ):
+            crop = tone_map(image[26:70, 26:70], exposure)
+            line.append(Panel(enlarge(crop, 5), f"{name}, {kind}"))
+    head = ("light", "box", "published", "layered", "least value, layered")
+    print_table("lights: total radiance over the truth's, 16 seeds, radiance 1000", head, rows)
+    write("layered-lights", shown)
+
+    planes = [*leaves(), Plane(at_slope(13.9), constant(6.0), scattered_discs(30, 3, 9))]
+    truth = reference(planes, LENS, 128, 192, spp=2 * TRUTH_SPP)
+    samples = sample(planes, LENS, 128, 192, SPP)
+    display = np.round(255 * srgb_encode(samples.color)) / 255
+    from_display = srgb_decode(reconstruct(replace(samples, color=display.astype(np.float32))))
+    print_table(
+        "lights: leaves with highlights of radiance 6",
+        ("input", "PSNR, dB", "mean radiance / truth"),
+        [
+            (name, quality(image, truth), f"{inner(image).mean() / inner(truth).mean():.2f}")
+            for name, image in (
+                ("float, linear", reconstruct(samples)),
+                ("8 bits, tone-mapped", from_display),
+            )
         ],
     )
+
+
+def seams() -> None:
+    """Measure whether the error jumps across tile borders, and whether the tile's size matters."""
+    scenes = {
+        "floor": (floor_samples(), floor_truth()),
+        "leaves": (leaves_samples(), leaves_truth()),
+    }
+    rows: list[tuple[object, ...]] = []
+    for method in (PUBLISHED, "layered"):
+        ratios = [seam_ratio(reconstruct(s, method, tile=32), truth) for s, truth in scenes.values()]
+        rows.append((f"{method}, tile=32", *(f"{ratio:.2f}" for ratio in ratios)))
+    print_table(
+        "seams: jumps of the error across tile borders over jumps elsewhere", ("method", *scenes), rows
+    )
+    print_table(
+        "seams: PSNR in dB of tiles of 32 px against tiles of 128 px",
+        ("method", *scenes),
+        [
+            (method, *(
+                quality(reconstruct(s, method, tile=32), reconstruct(s, method, tile=128))
+                for s, _ in scenes.values()
+            ))
+            for method in (PUBLISHED, "layered")
+        ],
+    )  # fmt: skip
+
+
+def options() -> None:
+    """Measure a few combinations of options that make sense."""
+    choices: dict[str, dict[str, Any]] = {
+        "layer_spacing=0.4, aperture_parts=1": {"layer_spacing": 0.4, "aperture_parts": 1},
+        "aperture_parts=1": {"aperture_parts": 1},
+        "layer_spacing=0.3": {"layer_spacing": 0.3},
+        "(defaults)": {},
+        "layer_spacing=0.1, aperture_parts=5": {"layer_spacing": 0.1, "aperture_parts": 5},
+        "tile=32": {"tile": 32},
+        "tile=256": {"tile": 256},
+    }
+    times = relative_times(wide_leaves(), list(choices.values()), 3)
+    rows = [
+        (
+            f"`{name}`" if chosen else name,
+            quality(reconstruct(floor_samples(), **chosen), floor_truth()),
+            quality(reconstruct(leaves_samples(), **chosen), leaves_truth()),
+            f"{ratio:.2f}",
+        )
+        for (name, chosen), ratio in zip(choices.items(), times, strict=True)
+    ]
+    print_table("options", ("options", "floor, dB", "leaves, dB", "CPU time, leaves"), rows)
+
+
+def layers() -> None:
+    """Show what each layer adds to the image."""
+    samples, truth = leaves_samples(), leaves_truth()
+    image, aovs = reconstruct(samples, aovs=True)
+    opacity = aovs["layer_opacity"]
+    occurs = np.flatnonzero(opacity.max(axis=(0, 1)) > 0.01)
+    slopes = samples.lens.slope(samples.depth)
+    slabs = layered_plan.Plan.for_samples(samples, **asdict(LayeredOptions())).slabs
+    panels = [
+        Panel(enlarge(tone_map(image), 2), "image"),
+        Panel(
+            enlarge(tone_map(layer_colors(opacity[..., occurs])), 2),
+            "which layers a pixel shows",
+            "red in front, green in focus, blue behind",
+        ),
+        Panel(enlarge(error_picture(tone_map(image), tone_map(truth)), 2), "error against the truth"),
+    ]
+    for layer in (occurs[0], occurs[1], occurs[3]):
+        mean = float(slopes[slabs.of_slope(slopes) == layer].mean())
+        radiance = tone_map(aovs["layer_radiance"][:, :, layer])
+        panels.append(Panel(enlarge(radiance, 2), f"layer_radiance, C = {mean:.0f} px"))
+    write("layered-aovs", [panels[:3], panels[3:]])
+    total = aovs["layer_radiance"].sum(axis=2)
+    print(f"\nlayers that hold samples: {len(occurs)} of {opacity.shape[2]}")
+    print(f"sum of layer_radiance - image: {np.abs(total - image).max():.1e} at most")
+    print(f"sum of layer_opacity - 1: {np.abs(opacity.sum(axis=2) - 1).max():.1e} at most")
+
+
+def limits() -> None:
+    """Measure the known limits: shaped highlights, edges that move apart, noise in focus, borders."""
+    _aperture()
+    _discs_left()
+
+    rows: list[tuple[object, ...]] = []
+    for slope in (0, 1, 2, 4, 8, 16):
+        planes = [Plane(at_slope(slope), smooth_noise(8, seed=4))]
+        samples, truth = sample(planes, LENS, 96, 96, SPP), reference(planes, LENS, 96, 96, spp=TRUTH_SPP)
+        noise = np.random.default_rng(0).normal(0, 0.1, (*samples.depth.shape, 1)).astype(np.float32)
+        noisy = replace(samples, color=samples.color + noise)
+        rows.append(
+            (slope, *(f"{rms_error(reconstruct(noisy, m), truth, 32):.2f}" for m in ("box", "layered")))
+        )
+    print_table(
+        "limits: shading noise of 10 % of white in every sample, RMS error in % of white",
+        ("C in px", "box", "layered"),
+        rows,
+    )
+
+    image, truth = reconstruct(leaves_samples()), leaves_truth()
+    ring = np.ones(image.shape[:2], bool)
+    ring[BORDER:-BORDER, BORDER:-BORDER] = False
+    error = [
+        100 * float(np.sqrt(np.square(image - truth)[where].mean())) for where in (ring, np.logical_not(ring))
+    ]
+    print(
+        f"\n### limits: borders\n\n{error[0]:.2f} % within {BORDER} px of the border, {error[1]:.2f} % inside"
+    )
+    _highlights()
+
+
+def _aperture() -> None:
+    """Show what becomes of a disc: a bright spot, and a texture."""
+    lens = make_lens("disc", "disc")
+    wide = make_lens("gaussian", "gaussian", 0.25).refocus(aperture_scale=2.0)  # sigma 1/2, ends at 4 sigma
+    spot = [Plane(at_slope(14), constant(0.0)), Plane(at_slope(12), constant(5.0), disc((32, 32), 4))]
+    texture = [Plane(at_slope(12), checker(24))]
+    rows, panels = [], []
+    for name, planes, height in (("bright spot", spot, 64), ("checkerboard of 24 px", texture, 96)):
+        image = reconstruct(sample(planes, lens, height, height, 16))
+        truths = [reference(planes, one, height, height, spp=TRUTH_SPP) for one in (lens, wide)]
+        rows.append((name, *(quality(image, truth) for truth in truths)))
+        if height == 64:
+            shown = (truths[0], truths[1], image)
+            captions = ("truth, disc", "truth, Gaussian lens", "layered, disc lens")
+            panels = [Panel(enlarge(tone_map(p, 0.5), 4), c) for p, c in zip(shown, captions, strict=True)]
+    print_table(
+        "limits: a disc aperture, PSNR in dB, C = 12 px, 16 spp",
+        ("scene", "against the disc", "against the Gaussian"),
+        rows,
+    )
+    write("layered-aperture", [panels])
+
+
+def _discs_left() -> None:
+    """Measure what is left of the error of Figure 6, with more parts and with many samples."""
+    rows: list[tuple[object, ...]] = []
+    truth = two_discs(24, 14)["truth"]
+    for spp in (16, 128):
+        samples = two_discs_samples(24, 14, spp)
+        for name, image in (
+            ("published", reconstruct(samples, PUBLISHED)),
+            *((f"aperture_parts={n}", reconstruct(samples, aperture_parts=n)) for n in (1, 3, 5)),
+        ):
+            rows.append((f"{spp} spp", name, *_loss(truth, image)))
+    print_table(
+        "limits: the green disc behind, in % of its radiance",
+        ("samples", "image", "worst loss", "mean abs. error", "light lost in all"),
+        rows,
+    )
+
+
+def _highlights() -> None:
+    """Bright spots behind the edge of a strongly blurred cover."""
+    cover = Plane(at_slope(-20), constant(0.15, 0.25, 0.1), half_plane((32, 0), (-1.0, 0.0)))
+    black = Plane(at_slope(12), constant(0.02))
+    rows: list[tuple[object, ...]] = []
+    truths, images = [], []
+    rest = reference([cover, black], LENS, 64, 64, spp=TRUTH_SPP)
+    for offset in (-10, 0, 10):
+        spot = Plane(at_slope(11.9), constant(60.0), disc((32 + offset, 32), 1.5))
+        planes = [cover, spot, black]
+        truth = reference(planes, LENS, 64, 64, spp=4 * TRUTH_SPP)
+        row: list[object] = [f"{offset:+d} px"]
+        for method in ("box", PUBLISHED, "layered"):
+            runs = [reconstruct(sample(planes, LENS, 64, 64, SPP, seed=seed), method) for seed in range(16)]
+            light = [100 * float((run - rest).sum() / (truth - rest).sum() - 1) for run in runs]
+            row.append(f"{np.mean(light):+.0f} ± {np.std(light):.0f}")
+        truths.append(Panel(enlarge(tone_map(truth, -0.5), 4), f"spot at {offset:+d} px, truth"))
+        images.append(Panel(enlarge(tone_map(runs[0], -0.5), 4), "layered, 8 spp"))
+        rows.append(tuple(row))
+    print_table(
+        "limits: a spot of radiance 60 behind a blurred edge, light gained or lost in % over 16 seeds",
+        ("place of the spot", "box", "published", "layered"),
+        rows,
+    )
+    write("layered-highlights", [truths, images])
+
+
+# Parts of layered-published.md.
+
+
+def epipolar() -> None:
+    """Draw a slice of the light field, its samples, and one layer's samples after scattering."""
+    write("layered-published-epipolar", _epipolar(full_shear=False))
 
 
 def filters() -> None:
@@ -360,8 +989,8 @@ def filters() -> None:
     c_avg, sigma_x = 2 * c_min * c_max / (c_min + c_max), 1 / (np.pi * width)
     gamma = np.hypot(sigma_u, sigma_x / c_avg)
     eta = sigma_x**2 / (c_avg * gamma**2)
-    rule = FilterRule.for_lens(LENS, "paper", sigma_pix=sigma_pix, max_sigma_x=8.0)
-    paper, matched = rule.filter(c_min, c_max), replace(rule, family="matched").filter(c_min, c_max)
+    rule = published_rule(LENS)
+    ours = rule.filter(c_min, c_max)
     rows: list[tuple[str, str, str]] = [
         (
             "band limits",
@@ -377,9 +1006,8 @@ def filters() -> None:
         (
             "the same from `filters.py`",
             "η, σ'_x, σ'_u",
-            f"{paper.eta:.4f}, {paper.variance**0.5:.4f}, {(2 * paper.falloff) ** -0.5:.4f}",
+            f"{ours.eta:.4f}, {ours.variance**0.5:.4f}, {(2 * ours.falloff) ** -0.5:.4f}",
         ),
-        ("matched width", "blur of the same η and lens filter", f"{matched.variance**0.5:.4f} px"),
     ]
     small, wide = rule.filter(0.25, 1.25), rule.filter(-3.0, 5.0)
     rows += [
@@ -397,7 +1025,7 @@ def filters() -> None:
     print_table("filters: a layer with slopes from 2 to 6 px", ("quantity", "formula", "value"), rows)
 
     write(
-        "filter",
+        "layered-published-filter",
         [[_wedge(c_min, c_max, band_u, band_pix, width, c_avg), *_kernels(c_avg, sigma_x, gamma, eta)]],
     )
 
@@ -455,18 +1083,17 @@ def _kernels(c_avg: float, sigma_x: float, gamma: float, eta: float) -> list[Pan
 def partitions() -> None:
     """Show the boundaries between partitions, and what narrower partitions gain."""
     rows: list[list[object]] = []
-    truths = {"floor": reference(floor(), LENS, 96, 96, spp=TRUTH_SPP), "leaves": leaves_truth()}
-    inputs = {"floor": sample(floor(), LENS, 96, 96, SPP), "leaves": leaves_samples()}
-    for name, count, extent in (
-        ("published", 15, 8.0),
-        ("default", DEFAULT.partitions, DEFAULT.partition_sigma_x),
-    ):
+    truths = {"floor": floor_truth(), "leaves": leaves_truth()}
+    inputs = {"floor": floor_samples(), "leaves": leaves_samples()}
+    for count, extent in ((15, 8.0), (25, 16.0)):
         table = Partitions.of_constant_energy(count, sigma_u=1 / 3, sigma_x=extent, bin_size=0.5)
         used = (table.first_bin + 1 + np.flatnonzero(np.diff(table.table.astype(int)))) * 0.5
         one_side = ", ".join(f"{b:g}" for b in sorted(used[used > 0], reverse=True))
-        row: list[object] = [f"{name}: {count}, {extent:g} px", one_side]
+        row: list[object] = [f"{count}, {extent:g} px", one_side]
         for scene, samples in inputs.items():
-            image, aovs = reconstruct(samples, aovs=True, partitions=count, partition_sigma_x=extent)
+            image, aovs = reconstruct(
+                samples, PUBLISHED, aovs=True, partitions=count, partition_sigma_x=extent
+            )
             row += [quality(image, truths[scene]), float(aovs["layer_count"].mean())]
         rows.append(row)
     head = ("partitions a side, partition_sigma_x", "boundaries of C on either side, px")
@@ -476,171 +1103,40 @@ def partitions() -> None:
 def discs() -> None:
     """Measure what averaging opacity costs: one disc before another, both out of focus (Figures 6 to 8)."""
     rows, panels = [], []
-    sources = {
-        "predicted": "Eq. 37, from each disc's own image",
-        "unlimited": f"fewrays, occluded_sigma_x={DEFAULT.max_sigma_x:g}",
-        "layered": "fewrays",
-    }
-    for name, scale, front_radius in (
-        ("as in Figure 6", 1.0, 14),
-        ("lens half as wide", 0.5, 14),
-        ("front disc half as wide", 1.0, 7),
+    for name, slope, front_radius in (
+        ("as in Figure 6", 24.0, 14.0),
+        ("lens half as wide", 12.0, 14.0),
+        ("front disc half as wide", 24.0, 7.0),
     ):
-        images = _two_discs(24 * scale, front_radius)
+        images = two_discs(slope, front_radius)
         truth = images["truth"]
-        for key in ("predicted", "unlimited", "layered"):
-            loss = 100 * (truth - images[key])[..., 1]
-            lost = float(loss.sum() / truth[..., 1].sum())
-            rows.append((name, sources[key], float(loss.max()), float(np.abs(loss).mean()), lost))
-        error = np.clip(0.5 + 2 * (images["layered"] - truth), 0, 1)
+        images["published"] = reconstruct(two_discs_samples(slope, front_radius), PUBLISHED)
+        for key, source in (("predicted", "Eq. 37, from each disc's own image"), ("published", "published")):
+            rows.append((name, source, *_loss(truth, images[key])))
         shown = [
-            *(tone_map(images[key]) for key in ("truth", "predicted", "layered")),
-            (255 * error).astype(np.uint8),
+            *(tone_map(images[key]) for key in ("truth", "predicted", "published")),
+            difference(images["published"], truth, 2),
         ]
-        captions = (name, "Eq. 37 predicts", "fewrays, 16 spp", "difference, doubled")
+        captions = (name, "Eq. 37 predicts", "published, 16 spp", "difference, doubled")
         panels.append([Panel(enlarge(p, 2), title) for p, title in zip(shown, captions, strict=True)])
     head = ("scene", "image", "worst loss", "mean abs. error", "light lost in all")
     print_table("discs: the green disc behind, in % of its radiance", head, rows)
-    write("discs", panels)
-
-
-def _two_discs(slope: float, front_radius: float) -> dict[str, Image]:
-    """Return the true image, the one that Eq. 37 predicts from each disc's own image, and fewrays'."""
-    front = Plane(at_slope(-slope), constant(1.0, 0.0, 0.0), disc((48, 48), front_radius))
-    back = Plane(at_slope(slope), constant(0.0, 1.0, 0.0), disc((48, 48), 14))
-    black = Plane(at_slope(30), constant(0.0))
-    samples = sample([front, back, black], LENS, 96, 96, 16)
-    red, green = (reference([plane, black], LENS, 96, 96, spp=2 * TRUTH_SPP) for plane in (front, back))
-    return {
-        "truth": reference([front, back, black], LENS, 96, 96, spp=2 * TRUTH_SPP),
-        "predicted": red + (1 - red[..., :1]) * green,
-        "layered": reconstruct(samples),
-        "unlimited": reconstruct(samples, occluded_sigma_x=DEFAULT.max_sigma_x),
-    }
-
-
-def widths() -> None:
-    """Measure matched widths and fine bins: a checkerboard in focus, planes of waves out of focus."""
-    variants: dict[str, Callable[[SampleBuffer], Image]] = {
-        "published": lambda s: reconstruct(s, **PUBLISHED),
-        "matched, bins of 1 px": lambda s: define(s, CoarseBins),
-        "fewrays": reconstruct,
-    }
-    rows: list[list[object]] = []
-    for size in (6.0, 6.4):
-        planes = [Plane(at_slope(0), checker(size))]
-        truth = reference(planes, LENS, 96, 96, spp=TRUTH_SPP)
-        board = sample(planes, LENS, 96, 96, SPP)
-        images = {name: run(board) for name, run in variants.items()}
-        rows.append([f"checkerboard of {size:g} px in focus", *(quality(i, truth) for i in images.values())])
-    for slope in (0.7, 1.4, 2.0, 3.0, 6.0, 12.0, 24.0):
-        texture = smooth_noise(6, seed=3)
-        exact = exact_waves(texture, at_slope(slope), LENS, 96, 96)
-        samples = sample([Plane(at_slope(slope), texture)], LENS, 96, 96, SPP)
-        rows.append(
-            [
-                f"smooth noise, C = {slope:g} px",
-                *(quality(run(samples), exact, 24) for run in variants.values()),
-            ]
-        )
-    print_table("widths: PSNR in dB", ("scene", *variants), rows)
-
-    window = np.s_[36:66, 36:66]
-    shown = [Panel(enlarge(tone_map(truth[window]), 7), "truth")]
-    for name, image in images.items():
-        shown.append(Panel(enlarge(tone_map(image[window]), 7), name, f"{quality(image, truth):.1f} dB"))
-    write("focus", [shown])
-
-
-def reach() -> None:
-    """Count the taps of a screen-space filter with and without its end at four standard deviations."""
-    rule = FilterRule.for_lens(LENS, "matched", sigma_pix=0.5, max_sigma_x=8.0)
-    rows = []
-    for sigma in (0.5, 1.0, 2.0, 4.0, 8.0):
-        kernel = rule.kernel(sigma**2, 16)
-        rows.append(
-            (
-                f"{sigma:g} px",
-                kernel.bins_per_pixel,
-                2 * kernel.radius + 1,
-                2 * 16 * kernel.bins_per_pixel + 1,
-            )
-        )
-    print_table(
-        "reach: taps of the blur",
-        ("σ of the filter", "bins per pixel", "taps", "taps over the whole ring"),
-        rows,
-    )
-
-
-def occluded() -> None:
-    """Measure the narrower filters of covered layers on the leaves."""
-    truth, rows = leaves_truth(), []
-    for spp in (4, 8, 16):
-        samples = sample(leaves(), LENS, 128, 192, spp)
-        row: list[object] = [f"{spp} spp"]
-        row += [
-            quality(reconstruct(samples, occluded_sigma_x=limit), truth)
-            for limit in (0.5, 1.0, 2.0, 4.0, 8.0)
-        ]
-        rows.append(
-            [*row, quality(reconstruct(samples), truth), quality(reconstruct(samples, **PUBLISHED), truth)]
-        )
-    head = (
-        "leaves",
-        *(f"{limit:g} px" for limit in (0.5, 1.0, 2.0, 4.0)),
-        "8 px (no limit)",
-        "default",
-        "published",
-    )
-    print_table("occluded: PSNR in dB by occluded_sigma_x", head, rows)
-
-    samples = leaves_samples()
-    candidates = {
-        "8 px (no limit)": reconstruct(samples, occluded_sigma_x=8.0),
-        "fewrays": reconstruct(samples),
-    }
-    panels, errors = [], []
-    for name, image in candidates.items():
-        panels.append(Panel(enlarge(tone_map(inner(image)), 2), name, f"{quality(image, truth):.1f} dB"))
-        errors.append(Panel(enlarge(error_picture(tone_map(inner(image)), tone_map(inner(truth))), 2)))
-    panels.append(Panel(enlarge(tone_map(inner(truth)), 2), "truth"))
-    write("occluded", [panels, errors])
-
-
-def aperture() -> None:
-    """Show what becomes of a disc: a bright spot, and a texture."""
-    lens = make_lens("disc", "disc")
-    wide = make_lens("gaussian", "gaussian", 0.25).refocus(aperture_scale=2.0)  # sigma 1/2, ends at 4 sigma
-    spot = [Plane(at_slope(14), constant(0.0)), Plane(at_slope(12), constant(5.0), disc((32, 32), 4))]
-    texture = [Plane(at_slope(12), checker(24))]
-    rows, panels = [], []
-    for name, planes, height in (("bright spot", spot, 64), ("checkerboard of 24 px", texture, 96)):
-        image = reconstruct(sample(planes, lens, height, height, 16))
-        truths = [reference(planes, one, height, height, spp=TRUTH_SPP) for one in (lens, wide)]
-        rows.append((name, *(quality(image, truth) for truth in truths)))
-        if height == 64:
-            shown = (truths[0], truths[1], image)
-            captions = ("truth, disc", "truth, Gaussian lens", "fewrays, disc lens")
-            panels = [Panel(enlarge(tone_map(p, 0.5), 4), c) for p, c in zip(shown, captions, strict=True)]
-    print_table(
-        "aperture: PSNR in dB, C = 12 px, 16 spp", ("scene", "against the disc", "against the Gaussian"), rows
-    )
-    write("aperture", [panels])
+    write("layered-published-discs", panels)
 
 
 def importance() -> None:
     """Compare importance-sampled lenses with and without a bound on the weights."""
     lens, truth, rows = make_lens("gaussian", "gaussian"), leaves_truth(), []
     samples = sample(leaves(), lens, 128, 192, SPP)
-    bounded, unbounded = reconstruct(samples), define(samples, UnboundedWeights)
-    uniform = reconstruct(leaves_samples())
+    unbounded = UnboundedWeights(**vars(published_rule(lens)))
     for name, image in (
-        ("layered, Gaussian, weights at most 1", bounded),
-        ("layered, Gaussian, density divided out", unbounded),
-        ("layered, uniform over the square", uniform),
+        ("published, Gaussian, weights at most 1", reconstruct(samples, PUBLISHED)),
+        ("published, Gaussian, density divided out", published_with(samples, unbounded)),
+        ("published, uniform over the square", reconstruct(leaves_samples(), PUBLISHED)),
         ("box, Gaussian", reconstruct(samples, "box")),
         ("box, uniform over the square", reconstruct(leaves_samples(), "box")),
+        ("layered, Gaussian", reconstruct(samples)),
+        ("layered, uniform over the square", reconstruct(leaves_samples())),
     ):
         rows.append((name, quality(image, truth), rms_error(image, truth)))
     print_table(
@@ -650,54 +1146,30 @@ def importance() -> None:
     )
 
 
-def hdr() -> None:
-    """Compare floating-point radiance with colours tone-mapped to 8 bits before the filter."""
-    planes = [*leaves(), Plane(at_slope(13.9), constant(6.0), scattered_discs(30, 3, 9))]
-    truth = reference(planes, LENS, 128, 192, spp=2 * TRUTH_SPP)
-    samples = sample(planes, LENS, 128, 192, SPP)
-    display = np.round(255 * srgb_encode(samples.color)) / 255
-    from_display = srgb_decode(reconstruct(replace(samples, color=display.astype(np.float32))))
-    images = {"float, linear": reconstruct(samples), "8 bits, tone-mapped": from_display}
-    rows = [
-        (name, quality(image, truth), float(inner(image).mean() / inner(truth).mean()))
-        for name, image in images.items()
-    ]
-    print_table(
-        "hdr: leaves with highlights of radiance 6",
-        ("input", "PSNR, dB", "mean radiance / truth"),
-        [(n, p, f"{m:.2f}") for n, p, m in rows],
-    )
-    panels = [Panel(enlarge(tone_map(inner(truth)), 2), "truth")]
-    panels += [
-        Panel(enlarge(tone_map(inner(i)), 2), n, f"{quality(i, truth):.1f} dB") for n, i in images.items()
-    ]
-    write("hdr", [panels])
-
-
-def layers() -> None:
-    """Show the layers and their number (Figures 15 and 16), and trade layers for time."""
+def joined() -> None:
+    """Trade layers for time (Figure 16), and show the layers and their number (Figure 15)."""
     samples, truth = leaves_samples(), leaves_truth()
     rows: list[tuple[object, ...]] = []
     panels = []
-    limits = (1, 2, 3, 4, 5, None)
-    seconds = {limit: _seconds(samples, limit) for limit in limits}
-    for limit in limits:
-        image, aovs = reconstruct(samples, aovs=True, max_layers=limit)
+    counts = (1, 2, 3, 4, 5, None)
+    times = relative_times(wide_leaves(), [{"max_layers": n} for n in counts], len(counts) - 1, PUBLISHED)
+    for count, ratio in zip(counts, times, strict=True):
+        image, aovs = reconstruct(samples, PUBLISHED, aovs=True, max_layers=count)
         mean, psnr = float(aovs["layer_count"].mean()), quality(image, truth)
-        rows.append((limit or "no limit", mean, psnr, f"{seconds[limit] / seconds[None]:.2f}"))
-        if limit in (1, 2, 3, None):
-            title = f"max_layers={limit}, {mean:.1f} layers on average"
+        rows.append((count or "no limit", mean, psnr, f"{ratio:.2f}"))
+        if count in (1, 2, 3, None):
+            title = f"max_layers={count}, {mean:.1f} layers on average"
             panels.append(Panel(enlarge(tone_map(inner(image)), 3), title, f"{psnr:.1f} dB"))
     head = ("max_layers", "mean layers per tile", "PSNR, dB", "CPU time")
-    print_table("layers: the trade of max_layers", head, rows)
-    write("max-layers", [panels[:2], panels[2:]])
+    print_table("joined: the trade of max_layers", head, rows)
+    write("layered-published-max-layers", [panels[:2], panels[2:]])
 
-    image, aovs = reconstruct(samples, aovs=True)
-    color, count = _layer_colors(aovs), aovs["layer_count"] / aovs["layer_opacity"].shape[2]
-    grey = np.repeat((255 * count).astype(np.uint8)[..., None], 3, axis=2)
+    count_map = aovs["layer_count"] / aovs["layer_opacity"].shape[2]
+    grey = np.repeat((255 * count_map).astype(np.uint8)[..., None], 3, axis=2)
     most, least = int(aovs["layer_count"].max()), int(aovs["layer_count"].min())
+    color = layer_colors(visible_opacity(aovs["layer_opacity"]))
     write(
-        "aovs",
+        "layered-published-aovs",
         [
             [
                 Panel(enlarge(tone_map(image), 2), "image"),
@@ -715,149 +1187,115 @@ def layers() -> None:
     )
 
 
-def _layer_colors(aovs: dict[str, npt.NDArray[Any]]) -> Image:
-    """Composite one colour per layer by the layers' opacities."""
-    opacity = aovs["layer_opacity"]
-    place = np.linspace(0, 1, opacity.shape[2])[:, None]
-    palette = np.hstack(
-        [np.clip(1 - 2 * place, 0, 1), 1 - np.abs(2 * place - 1), np.clip(2 * place - 1, 0, 1)]
-    )
-    behind = np.cumprod(1 - opacity, axis=2)
-    visible = opacity * np.concatenate([np.ones_like(behind[..., :1]), behind[..., :-1]], axis=2)
-    return np.asarray(visible @ palette, np.float32)
+def widths() -> None:
+    """Measure the published widths and bins: a checkerboard in focus, planes of waves out of focus."""
+    rows: list[list[object]] = []
+    for size in (6.0, 6.4):
+        planes = [Plane(at_slope(0), checker(size))]
+        truth = reference(planes, LENS, 96, 96, spp=TRUTH_SPP)
+        board = sample(planes, LENS, 96, 96, SPP)
+        images = {"published": reconstruct(board, PUBLISHED), "layered": reconstruct(board)}
+        rows.append([f"checkerboard of {size:g} px in focus", *(quality(i, truth) for i in images.values())])
+    for slope in (0.7, 1.4, 2.0, 3.0, 6.0, 12.0, 24.0):
+        texture = smooth_noise(6, seed=3)
+        exact = exact_waves(texture, at_slope(slope), LENS, 128, 128)
+        samples = sample([Plane(at_slope(slope), texture)], LENS, 128, 128, SPP)
+        rows.append(
+            [
+                f"smooth noise, C = {slope:g} px",
+                *(quality(reconstruct(samples, method), exact, 40) for method in (PUBLISHED, "layered")),
+            ]
+        )
+    print_table("widths: PSNR in dB", ("scene", *images), rows)
+
+    window = np.s_[36:66, 36:66]
+    shown = [Panel(enlarge(tone_map(truth[window]), 7), "truth")]
+    for name, image in images.items():
+        shown.append(Panel(enlarge(tone_map(image[window]), 7), name, f"{quality(image, truth):.1f} dB"))
+    write("layered-published-focus", [shown])
 
 
-def seams() -> None:
-    """Measure whether the error jumps more across tile borders than elsewhere."""
-    rows = []
-    samples, truth = sample(floor(), LENS, 96, 96, SPP), reference(floor(), LENS, 96, 96, spp=TRUTH_SPP)
-    for limit in (1, 2, 3, None):
-        on_floor = _seam_ratio(reconstruct(samples, max_layers=limit), truth)
-        on_leaves = _seam_ratio(reconstruct(leaves_samples(), max_layers=limit), leaves_truth())
-        rows.append((limit or "no limit", f"{on_floor:.2f}", f"{on_leaves:.2f}"))
-    print_table(
-        "seams: jumps of the error across tile borders over jumps elsewhere",
-        ("max_layers", "floor", "leaves"),
-        rows,
-    )
-
-
-def _seam_ratio(image: Image, truth: Image) -> float:
-    """How much more the error jumps from pixel to pixel across tile borders than elsewhere."""
-    jump = np.abs(np.diff(inner(image - truth), axis=1)).mean(axis=(0, 2))
-    border = (np.arange(len(jump)) + BORDER + 1) % 32 == 0
-    return float(jump[border].mean() / jump[~border].mean())
-
-
-def _seconds(samples: SampleBuffer, limit: int | None) -> float:
-    """Return the least CPU time of several runs."""
-    times = []
-    for _ in range(15):
-        start = time.process_time()
-        reconstruct(samples, threads=1, max_layers=limit)
-        times.append(time.process_time() - start)
-    return min(times)
-
-
-def limits() -> None:
-    """Measure the known limits: large blur, noise by slope, and bright spots behind an edge."""
+def ring() -> None:
+    """Measure circles of confusion that reach beyond the ring of samples around a tile."""
     rows: list[tuple[object, ...]] = []
-    ring: list[dict[str, Any]] = [{}, {"ring": 48, "max_sigma_x": 24.0}]
+    runs: list[tuple[str, dict[str, Any]]] = [
+        (PUBLISHED, {}),
+        (PUBLISHED, {"ring": 48, "max_sigma_x": 24.0}),
+        ("layered", {}),
+    ]
     for slope in (6, 12, 24, 36, 60, 90):
         texture = square_wave(256)
-        samples = sample([Plane(at_slope(slope), texture)], LENS, 192, 256, SPP)
-        exact = exact_waves(texture, at_slope(slope), LENS, 192, 256)
-        edge = [rms_error(reconstruct(samples, **options), exact, 64) for options in ring]
+        samples = sample([Plane(at_slope(slope), texture)], LENS, 256, 320, SPP)
+        exact = exact_waves(texture, at_slope(slope), LENS, 256, 320)
+        edge = [rms_error(reconstruct(samples, method, **options), exact, 96) for method, options in runs]
         planes = [
             Plane(at_slope(-slope), constant(0.1), disc((80, 80), 30)),
             Plane(at_slope(0), checker(8)),
         ]
         samples, truth = sample(planes, LENS, 160, 160, SPP), reference(planes, LENS, 160, 160, spp=TRUTH_SPP)
-        cover = [rms_error(reconstruct(samples, **options), truth, 24) for options in ring]
+        cover = [rms_error(reconstruct(samples, method, **options), truth, 24) for method, options in runs]
         rows.append((slope, *(f"{e:.2f}" for e in (*edge, *cover))))
+    names = ("published, ring 16", "ring 48", "layered")
     print_table(
-        "limits: large blur, RMS error in % of white",
-        ("C (cover: -C), px", "edge, ring 16", "edge, ring 48", "cover, ring 16", "cover, ring 48"),
+        "ring: large blur, RMS error in % of white",
+        ("C (cover: -C), px", *(f"{what}: {name}" for what in ("bars", "cover") for name in names)),
         rows,
     )
 
+
+def joined_seams() -> None:
+    """Measure whether the error jumps more across tile borders than elsewhere as layers are joined."""
     rows = []
-    for slope in (0, 1, 2, 4, 8, 16, 32):
-        planes = [Plane(at_slope(slope), checker(4.4))]
-        samples, truth = sample(planes, LENS, 96, 96, SPP), reference(planes, LENS, 96, 96, spp=TRUTH_SPP)
-        box = reconstruct(samples, "box")
-        errors = (rms_error(box, truth, 24), rms_error(reconstruct(samples), truth, 24))
-        rows.append((slope, *(f"{error:.2f}" for error in errors)))
+    for count in (1, 2, 3, None):
+        images = [reconstruct(s, PUBLISHED, max_layers=count) for s in (floor_samples(), leaves_samples())]
+        ratios = (seam_ratio(images[0], floor_truth()), seam_ratio(images[1], leaves_truth()))
+        rows.append((count or "no limit", *(f"{ratio:.2f}" for ratio in ratios)))
     print_table(
-        "limits: noise on a checkerboard of 4.4 px, RMS error in % of white",
-        ("C in px", "box", "fewrays"),
+        "joined_seams: jumps of the error across tile borders over jumps elsewhere",
+        ("max_layers", "floor", "leaves"),
         rows,
     )
-    _highlights()
 
 
-def _highlights() -> None:
-    """Bright spots behind the edge of a strongly blurred cover."""
-    cover = Plane(at_slope(-20), constant(0.15, 0.25, 0.1), half_plane((32, 0), (-1.0, 0.0)))
-    black = Plane(at_slope(12), constant(0.02))
-    rows: list[tuple[object, ...]] = []
-    truths, images = [], []
-    rest = reference([cover, black], LENS, 64, 64, spp=TRUTH_SPP)
-    for offset in (-10, 0, 10):
-        spot = Plane(at_slope(11.9), constant(60.0), disc((32 + offset, 32), 1.5))
-        planes = [cover, spot, black]
-        truth = reference(planes, LENS, 64, 64, spp=4 * TRUTH_SPP)
-        row: list[object] = [f"{offset:+d} px"]
-        for options in ({}, PUBLISHED):
-            runs = [
-                reconstruct(sample(planes, LENS, 64, 64, SPP, seed=seed), **options) for seed in range(16)
-            ]
-            light = [100 * float((run - rest).sum() / (truth - rest).sum() - 1) for run in runs]
-            row.append(f"{np.mean(light):+.0f} ± {np.std(light):.0f}")
-            if not options:
-                truths.append(Panel(enlarge(tone_map(truth, -0.5), 4), f"spot at {offset:+d} px, truth"))
-                images.append(Panel(enlarge(tone_map(runs[0], -0.5), 4), "fewrays, 8 spp"))
-        rows.append(tuple(row))
-    print_table(
-        "limits: a spot of radiance 60 behind a blurred edge, light gained or lost in % over 16 seeds",
-        ("place of the spot", "fewrays", "published"),
-        rows,
-    )
-    write("highlights", [truths, images])
+LAYERED_PARTS = (
+    overview,
+    centre,
+    spacing,
+    levels,
+    place,
+    parts,
+    covariance,
+    covered,
+    lights,
+    seams,
+    options,
+    layers,
+    limits,
+)
+PUBLISHED_PARTS = (epipolar, filters, partitions, discs, importance, joined, widths, ring, joined_seams)
+PARTS: dict[str, Callable[[], None]] = {part.__name__: part for part in (*LAYERED_PARTS, *PUBLISHED_PARTS)}
 
 
-PARTS: dict[str, Callable[[], None]] = {
-    part.__name__: part
-    for part in (
-        epipolar,
-        filters,
-        partitions,
-        discs,
-        widths,
-        reach,
-        occluded,
-        aperture,
-        importance,
-        hdr,
-        layers,
-        seams,
-        limits,
-    )
-}
-
-
-def main(parts: tuple[str, ...] = (), /) -> None:
-    """Make the figures and tables of layered.md.
+def main(names: tuple[str, ...] = (), /) -> None:
+    """Make the figures and tables of layered.md and layered-published.md.
 
     Parameters
     ----------
-    parts
+    names
         Names of parts; all when omitted.
     """
-    for name in parts or PARTS:
+    print(f"commit {commit()}")
+    for name in names or PARTS:
         start = time.perf_counter()
         PARTS[name]()
         print(f"({name}: {time.perf_counter() - start:.0f} s)")
+
+
+def commit() -> str:
+    """Return the commit of the checkout that this file lies in."""
+    command = ["git", "rev-parse", "--short", "HEAD"]
+    run = subprocess.run(command, cwd=IMAGES.parent, capture_output=True, text=True, check=False)
+    return run.stdout.strip() or "unknown"
 
 
 if __name__ == "__main__":

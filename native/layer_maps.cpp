@@ -16,16 +16,10 @@ constexpr int batch_size = 1024;  // samples that are sorted by layer at a time
 constexpr int stray_bins = 16;
 constexpr int hit_channels = 4;              // red, green, blue, count
 constexpr int near_bins = 3;                 // per pixel
+constexpr double magnified_variance = 0.25;  // of the quadratic B-spline that reads coarse maps, in bins²
 constexpr double bin_variance = 1.0 / 12.0;  // of the bin that a sample is rounded to, in bins²
 constexpr float min_weight = 1e-12f;
 constexpr float tail = 4.0f;  // pixels around a layer's reach in which its samples still count
-
-// The bins of a target; samples beyond them go to the stray bins after the last, in turn, so that none of these is
-// waited for.
-struct BinGrid {
-    float left, top, per_pixel;
-    int bins_per_cell, columns, rows, segment, stride, size;
-};
 
 FEWRAYS_INLINE std::int32_t bin_of(float x, float y, const BinGrid& grid, int i) {
     const auto phases = static_cast<float>(grid.bins_per_cell);
@@ -49,6 +43,35 @@ FEWRAYS_CLONES void hit_bins(const float* FEWRAYS_RESTRICT x, const float* FEWRA
                              std::int32_t* FEWRAYS_RESTRICT bins) {
     const BinGrid local = grid;
     for (int i = 0; i < n; ++i) bins[i] = bin_of(x[i] - c[i] * u[i], y[i] - c[i] * v[i], local, i);
+}
+
+// In steps, none of which is zero: no bin gets a share that vanishes in rounding.
+FEWRAYS_INLINE float share_of(float fraction) {
+    constexpr float steps = 256.0f;
+    return (static_cast<float>(static_cast<std::int32_t>(fraction * steps)) + 0.5f) / steps;
+}
+
+// The first of the two by two bins of a coarse layer that a hit is shared between, and how far it lies towards the
+// others. A light that is small beside the bins keeps its place in this way.
+FEWRAYS_CLONES void hit_corners(const float* FEWRAYS_RESTRICT x, const float* FEWRAYS_RESTRICT y,
+                                const float* FEWRAYS_RESTRICT u, const float* FEWRAYS_RESTRICT v,
+                                const float* FEWRAYS_RESTRICT c, int n, const BinGrid& grid,
+                                std::int32_t* FEWRAYS_RESTRICT bins, float* FEWRAYS_RESTRICT right,
+                                float* FEWRAYS_RESTRICT down) {
+    const float left = grid.left, top = grid.top, per_pixel = grid.per_pixel;
+    const auto last_x = static_cast<float>(grid.columns - 1), last_y = static_cast<float>(grid.rows - 1);
+    const std::int32_t stride = grid.stride, size = grid.size;
+    for (int i = 0; i < n; ++i) {
+        const float qx = (x[i] - c[i] * u[i] - left) * per_pixel - 0.5f;
+        const float qy = (y[i] - c[i] * v[i] - top) * per_pixel - 0.5f;
+        const std::int32_t inside = -(static_cast<std::int32_t>(qx >= 0.0f) & static_cast<std::int32_t>(qx < last_x) &
+                                      static_cast<std::int32_t>(qy >= 0.0f) & static_cast<std::int32_t>(qy < last_y));
+        const float in_x = inside ? qx : 0.0f, in_y = inside ? qy : 0.0f;
+        const auto column = static_cast<std::int32_t>(in_x), row = static_cast<std::int32_t>(in_y);
+        right[i] = share_of(in_x - static_cast<float>(column));
+        down[i] = share_of(in_y - static_cast<float>(row));
+        bins[i] = ((row * stride + column) & inside) | (size & ~inside);
+    }
 }
 
 FEWRAYS_CLONES void hole_bins(const float* FEWRAYS_RESTRICT x, const float* FEWRAYS_RESTRICT y,
@@ -75,7 +98,7 @@ FEWRAYS_CLONES void weigh_by_place(float* FEWRAYS_RESTRICT hits, float* FEWRAYS_
     for (int i = 0; i < size; ++i) {
         const float count = hits[hit_channels * i + 3] + holes[i];
         const float weight = std::min(count * for_weight, 1.0f);
-        const float scale = weight / std::max(count, 1.0f);
+        const float scale = std::min(for_weight, 1.0f / std::max(count, min_weight));
         for (int channel = 0; channel < hit_channels; ++channel) hits[hit_channels * i + channel] *= scale;
         holes[i] = weight;
         seen[i] = std::min(count * for_seen, 1.0f);
@@ -137,7 +160,7 @@ bool LayerTarget::want(float grid_left, float grid_top, int grid_rows, int grid_
 void LayerTarget::lay_out() {
     bins_per_cell = near ? near_bins : 1;
     radius = taps_radius(blur_variance);
-    margin = (radius + bins_per_cell / 2) / bins_per_cell;
+    margin = (radius + bins_per_cell / 2) / bins_per_cell + (cell > 1.0f ? 1 : 0);  // shared hits begin one earlier
     width = round_up(columns);
     segment = round_up(width + 2 * margin);
     stride = segment * bins_per_cell;
@@ -162,7 +185,7 @@ LayerMaps::LayerMaps(const Samples& samples, const BlockLayers& blocks, const La
       color_(std::size_t{hit_channels} * batch_size, 1.0f),  // the count of a sample stays 1
       key_(batch_size),
       bins_(batch_size) {
-    for (auto* field : {&depth_, &slope_, &x_, &y_, &u_, &v_, &c_}) field->resize(batch_size);
+    for (auto* field : {&depth_, &slope_, &x_, &y_, &u_, &v_, &c_, &right_, &down_}) field->resize(batch_size);
     for (auto* field : {&xy_, &uv_}) field->resize(2 * batch_size);
     rgb_.resize(3 * batch_size);
     for (int i = 0; i < plan.part_count; ++i)
@@ -201,7 +224,8 @@ std::vector<LayerTarget> LayerMaps::layers_near(const Rectangle& pixels, int fir
         target.cell = level > 0 ? static_cast<float>(1 << level) : 1.0f;
         const double slope2 = double{target.slope} * target.slope;
         double variance = plan_.pixel_variance + slope2 * (target.near ? plan_.aperture_variance : plan_.part_variance);
-        if (level > 0) variance = (variance - plan_.interpolation) / (double{target.cell} * target.cell) - 1.0 / 6.0;
+        if (level > 0) variance = (variance - plan_.interpolation) / (double{target.cell} * target.cell) - magnified_variance;
+        if (level > 0) variance -= bin_variance;  // hits are shared between bins
         if (level == 0) variance -= plan_.interpolation;
         if (target.near) variance *= near_bins * near_bins;
         target.blur_variance = std::max(variance - bin_variance, 0.0);
@@ -346,7 +370,6 @@ void LayerMaps::place_all(int n, float left, float top, int keys) {
 // A target's own samples are hits, all behind it are holes (Algorithm 1 of the paper).
 void LayerMaps::scatter_batch(std::vector<LayerTarget>& targets, const std::vector<char>& wanted) {
     const int end = start_[2 * targets.size() + 1];
-    const float* const color = color_.data();
     const std::int32_t* const bins = bins_.data();
     for (std::size_t i = 0; i < targets.size(); ++i) {
         if (!wanted[i]) continue;
@@ -356,14 +379,41 @@ void LayerMaps::scatter_batch(std::vector<LayerTarget>& targets, const std::vect
                            target.bins_per_cell, target.segment,      target.rows + 2 * target.margin,
                            target.segment,       target.stride,       target.size};
         const int hit = start_[2 * i + 1], hole = start_[2 * i + 2];
-        hit_bins(&x_[hit], &y_[hit], &u_[hit], &v_[hit], &c_[hit], hole - hit, grid, bins_.data());
-        float* const hits = target.hits.data();
-        for (int k = 0; k < hole - hit; ++k)
-            for (int channel = 0; channel < hit_channels; ++channel)
-                hits[hit_channels * bins[k] + channel] += color[hit_channels * (hit + k) + channel];
+        if (target.cell > 1.0f)
+            share_hits(target, grid, hit, hole - hit);
+        else
+            add_hits(target, grid, hit, hole - hit);
         hole_bins(&x_[hole], &y_[hole], &u_[hole], &v_[hole], target.slope, end - hole, grid, bins_.data());
         float* const holes = target.holes.data();
         for (int k = 0; k < end - hole; ++k) holes[bins[k]] += 1.0f;
+    }
+}
+
+void LayerMaps::add_hits(LayerTarget& target, const BinGrid& grid, int first, int n) {
+    hit_bins(&x_[first], &y_[first], &u_[first], &v_[first], &c_[first], n, grid, bins_.data());
+    const float* const color = &color_[std::size_t{hit_channels} * first];
+    const std::int32_t* const bins = bins_.data();
+    float* const hits = target.hits.data();
+    for (int k = 0; k < n; ++k)
+        for (int channel = 0; channel < hit_channels; ++channel)
+            hits[hit_channels * bins[k] + channel] += color[hit_channels * k + channel];
+}
+
+void LayerMaps::share_hits(LayerTarget& target, const BinGrid& grid, int first, int n) {
+    hit_corners(&x_[first], &y_[first], &u_[first], &v_[first], &c_[first], n, grid, bins_.data(), right_.data(),
+                down_.data());
+    const float* const color = &color_[std::size_t{hit_channels} * first];
+    const std::ptrdiff_t line = std::ptrdiff_t{hit_channels} * target.stride;
+    for (int k = 0; k < n; ++k) {
+        if (bins_[k] == target.size) continue;
+        float* const corner = &target.hits[std::size_t{hit_channels} * bins_[k]];
+        const float right = right_[k], down = down_[k];
+        const float weights[2][2] = {{(1 - right) * (1 - down), right * (1 - down)}, {(1 - right) * down, right * down}};
+        for (int row = 0; row < 2; ++row)
+            for (int column = 0; column < 2; ++column)
+                for (int channel = 0; channel < hit_channels; ++channel)
+                    corner[row * line + hit_channels * column + channel] +=
+                        weights[row][column] * color[hit_channels * k + channel];
     }
 }
 

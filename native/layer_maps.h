@@ -52,6 +52,13 @@ struct LayerTarget {
     Rectangle catchment() const;
 };
 
+// The bins of a target; samples beyond them go to the stray bins after the last, in turn, so that none of these is
+// waited for.
+struct BinGrid {
+    float left, top, per_pixel;
+    int bins_per_cell, columns, rows, segment, stride, size;
+};
+
 class LayerMaps {
 public:
     LayerMaps(const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan);
@@ -68,6 +75,8 @@ private:
     void sort_batch(int target_count, float left, float top);
     void place_all(int n, float left, float top, int keys);
     void scatter_batch(std::vector<LayerTarget>& targets, const std::vector<char>& wanted);
+    void add_hits(LayerTarget& target, const BinGrid& grid, int first, int n);
+    void share_hits(LayerTarget& target, const BinGrid& grid, int first, int n);
     void blur(LayerTarget& target, FilteredMap& map);
     void make_taps(const LayerTarget& target);
 
@@ -84,6 +93,7 @@ private:
     };
     std::vector<Run> runs_;                             // of samples that make up a batch
     std::vector<float> depth_, slope_, xy_, uv_, rgb_;  // in the order of samples
+    std::vector<float> right_, down_;
     std::vector<float> x_, y_, u_, v_, c_, color_;      // sorted
     std::vector<std::int32_t> key_, key_of_layer_, start_, middle_, cursor_, bins_;
     std::vector<float> taps_, seen_, weight_, columns_blurred_, planes_;

@@ -65,7 +65,9 @@ FEWRAYS_INLINE void composite_row(const float* FEWRAYS_RESTRICT seen, const floa
         const float t = mean[i], u = along_u[i], v = along_v[i];
         const Interpolated a =
             interpolate(covers[i], covers[i + 1], covers[i + stride], covers[i + stride + 1], fx, fy);
-        const float spare = (seen[i] - t) / std::max(1.0f - t, min_covered);
+        const float covered = std::max(1.0f - t, min_covered), cover = std::max(a.value, min_weight);
+        const float reciprocal = 1.0f / (covered * cover);  // of both at the price of one
+        const float spare = (seen[i] - t) * cover * reciprocal;
         // A map's very edge has a slope but nothing to see.
         const float counts = a.value > min_weight ? shear * std::min(std::max(spare, 0.0f), 1.0f) : 0.0f;
         const float with_u = counts * u, with_v = counts * v;
@@ -73,7 +75,7 @@ FEWRAYS_INLINE void composite_row(const float* FEWRAYS_RESTRICT seen, const floa
         const float unclamped = t * a.value + with_u * a.step_x + with_v * a.step_y;
         const float visible = std::min(std::max(unclamped, std::max(t + a.value - 1.0f, 0.0f)), std::min(t, a.value));
         // What the clamp adds or takes away has the layer's mean radiance.
-        const float alone = t + (visible - unclamped) / std::max(a.value, min_weight);
+        const float alone = t + (visible - unclamped) * covered * reciprocal;
         sum_opacity[i] += weight * visible;
         const Interpolated er = interpolate(r[i], r[i + 1], r[i + stride], r[i + stride + 1], fx, fy);
         sum_red[i] += weight * std::max(alone * er.value + with_u * er.step_x + with_v * er.step_y, 0.0f);
@@ -186,15 +188,17 @@ struct Span {
     int first, end;
 };
 
-// A row of pixels between two rows of bins.
-FEWRAYS_CLONES void magnify_row(const float* FEWRAYS_RESTRICT upper, const float* FEWRAYS_RESTRICT lower, int cells,
-                                float row_fraction, float* FEWRAYS_RESTRICT between, const int* FEWRAYS_RESTRICT column,
-                                const float* FEWRAYS_RESTRICT fraction, int columns, float* FEWRAYS_RESTRICT out) {
-    for (int i = 0; i < cells; ++i) between[i] = upper[i] + row_fraction * (lower[i] - upper[i]);
-    for (int i = 0; i < columns; ++i) {
-        const float left = between[column[i]], right = between[column[i] + 1];
-        out[i] = left + fraction[i] * (right - left);
-    }
+// A row of pixels between three rows of bins.
+FEWRAYS_CLONES void magnify_row(const float* FEWRAYS_RESTRICT above, const float* FEWRAYS_RESTRICT here,
+                                const float* FEWRAYS_RESTRICT below, int cells, float above_weight, float here_weight,
+                                float below_weight, float* FEWRAYS_RESTRICT between,
+                                const int* FEWRAYS_RESTRICT first, const float* FEWRAYS_RESTRICT w0,
+                                const float* FEWRAYS_RESTRICT w1, const float* FEWRAYS_RESTRICT w2, int columns,
+                                float* FEWRAYS_RESTRICT out) {
+    for (int i = 0; i < cells; ++i)
+        between[i] = above_weight * above[i] + here_weight * here[i] + below_weight * below[i];
+    for (int i = 0; i < columns; ++i)
+        out[i] = w0[i] * between[first[i]] + w1[i] * between[first[i] + 1] + w2[i] * between[first[i] + 2];
 }
 
 // Where a row of opacities is not zero.
@@ -211,7 +215,8 @@ FEWRAYS_CLONES Span occupied(const float* row, int columns) {
     return {first, std::max(first, end)};
 }
 
-// Reads a coarse layer's map between its bins, at every pixel of a rectangle.
+// Reads a coarse layer's map between its bins, at every pixel of a rectangle, by quadratic B-splines: linear ones would
+// flatten every peak.
 class Magnifier {
 public:
     // Fills `map`. The first of the `rows` x `columns` pixels lies `row` and `column` pixels from the first bin's
@@ -219,48 +224,56 @@ public:
     template <typename Load>
     void run(int level, int row, int column, int rows, int columns, int bin_rows, int bin_columns, FilteredMap& map,
              Load&& load) {
-        place(column, columns, level, bin_columns, column_, column_fraction_);
-        place(row, rows, level, bin_rows, row_, row_fraction_);
-        const int first = column_.front(), cells = column_.back() + 2 - first;
-        for (int& each : column_) each -= first;
+        place(column, columns, level, bin_columns, across_);
+        place(row, rows, level, bin_rows, down_);
+        const int first = across_.first.front(), cells = across_.first.back() + 3 - first;
+        for (int& each : across_.first) each -= first;
         map.resize(rows, (columns + columns_at_once - 1) / columns_at_once * columns_at_once);
-        for (auto* line : {&upper_, &lower_, &between_}) line->resize(cells);
+        for (auto& line : lines_) line.resize(cells);
+        between_.resize(cells);
         for (int channel = 0; channel < channel_count; ++channel) {
-            int loaded = -1;
+            int loaded = -3;  // the row in the first line
             for (int i = 0; i < rows; ++i) {
-                if (row_[i] == loaded + 1 && loaded >= 0) {
-                    upper_.swap(lower_);
-                    load(channel, row_[i] + 1, first, cells, lower_.data());
-                } else if (row_[i] != loaded) {
-                    load(channel, row_[i], first, cells, upper_.data());
-                    load(channel, row_[i] + 1, first, cells, lower_.data());
+                for (; loaded < down_.first[i]; ++loaded) {
+                    if (loaded + 3 < down_.first[i]) continue;
+                    std::rotate(lines_, lines_ + 1, lines_ + 3);
+                    load(channel, loaded + 3, first, cells, lines_[2].data());
                 }
-                loaded = row_[i];
-                magnify_row(upper_.data(), lower_.data(), cells, row_fraction_[i], between_.data(), column_.data(),
-                            column_fraction_.data(), columns, map.channel(channel) + std::ptrdiff_t{i} * map.stride);
-                std::fill(map.channel(channel) + std::ptrdiff_t{i} * map.stride + columns,
-                          map.channel(channel) + std::ptrdiff_t{i + 1} * map.stride, 0.0f);
+                float* const out = map.channel(channel) + std::ptrdiff_t{i} * map.stride;
+                magnify_row(lines_[0].data(), lines_[1].data(), lines_[2].data(), cells, down_.weights[0][i],
+                            down_.weights[1][i], down_.weights[2][i], between_.data(), across_.first.data(),
+                            across_.weights[0].data(), across_.weights[1].data(), across_.weights[2].data(), columns,
+                            out);
+                std::fill(out + columns, out + map.stride, 0.0f);
             }
         }
     }
 
 private:
-    // Where pixels lie among the centres of bins.
-    static void place(int first, int count, int level, int limit, std::vector<int>& cell,
-                      std::vector<float>& fraction) {
-        cell.resize(count);
-        fraction.resize(count);
+    // The first of the three bins around each pixel along one axis, and the weights of all three.
+    struct Taps {
+        std::vector<int> first;
+        std::vector<float> weights[3];
+    };
+
+    static void place(int begin, int count, int level, int limit, Taps& taps) {
+        taps.first.resize(count);
+        for (auto& weights : taps.weights) weights.resize(count);
         const float size = static_cast<float>(1 << level);
         for (int i = 0; i < count; ++i) {
-            const float position =
-                std::clamp((static_cast<float>(first + i) + 0.5f) / size - 0.5f, 0.0f, static_cast<float>(limit - 1));
-            cell[i] = std::min(static_cast<int>(position), limit - 2);
-            fraction[i] = position - static_cast<float>(cell[i]);
+            const float position = std::clamp((static_cast<float>(begin + i) + 0.5f) / size - 0.5f, 0.5f,
+                                              static_cast<float>(limit) - 1.5f);
+            const int nearest = std::min(static_cast<int>(position + 0.5f), limit - 2);
+            const float beyond = position - static_cast<float>(nearest);
+            taps.first[i] = nearest - 1;
+            taps.weights[0][i] = 0.5f * (0.5f - beyond) * (0.5f - beyond);
+            taps.weights[1][i] = 0.75f - beyond * beyond;
+            taps.weights[2][i] = 0.5f * (0.5f + beyond) * (0.5f + beyond);
         }
     }
 
-    std::vector<int> column_, row_;
-    std::vector<float> column_fraction_, row_fraction_, upper_, lower_, between_;
+    Taps across_, down_;
+    std::vector<float> lines_[3], between_;
 };
 
 // Copies a piece of a row of bins out of the tiles of a map that hold it.
@@ -359,19 +372,17 @@ private:
         }
     }
 
-    // One map for the tile and a border that the parts of the aperture look into: the pixels whose centres lie between
-    // those of bins. False if the layer does not reach there.
+    // One map for the tile and a border that the parts of the aperture look into: the pixels that have bins on all sides. False if the layer does not reach there.
     bool place_together(TileLayer& layer, LayerTarget& target, int border, float x, float y) const {
-        const int size = layer.level > 0 ? 1 << layer.level : 1, half = size / 2;
-        const int bins = layer.level > 0 ? (border + half + size - 1) / size : border;  // of the border
+        const int size = layer.level > 0 ? 1 << layer.level : 1, edge = layer.level > 0 ? size : 0;
+        const int bins = layer.level > 0 ? (border + edge + size - 1) / size : border;  // of the border
         const auto corner = static_cast<float>(-bins * size);
         const int span = (plan_.tile + size - 1) / size + 2 * bins;
         if (!target.want(corner, corner, span, span, x, y)) return false;
-        const int lost = layer.level > 0 ? size : 0;
-        layer.places.push_back({static_cast<int>(target.left) + half,
-                                static_cast<int>(target.top) + half,
-                                target.rows * size - lost,
-                                target.columns * size - lost,
+        layer.places.push_back({static_cast<int>(target.left) + edge,
+                                static_cast<int>(target.top) + edge,
+                                target.rows * size - 2 * edge,
+                                target.columns * size - 2 * edge,
                                 nullptr,
                                 {}});
         return layer.places.front().rows > 0 && layer.places.front().columns > 0;
@@ -416,8 +427,8 @@ private:
     bool shrink(const CoarseMap& coarse, int level, int top, int left, PlacedMap& place) {
         const int size = 1 << level;
         const auto bins = [&](int first_pixel, int pixels, int limit) {
-            const int first = std::clamp(first_pixel / size - 1, 0, limit - 1);
-            return Span{first, std::clamp((first_pixel + pixels) / size + 2, first + 1, limit)};
+            const int first = std::clamp(first_pixel / size - 2, 0, limit - 1);
+            return Span{first, std::clamp((first_pixel + pixels) / size + 3, first + 1, limit)};
         };
         const Span rows = bins(top + place.top, place.rows, coarse.rows * coarse.tile);
         const Span columns = bins(left + place.left, place.columns, coarse.columns * coarse.tile);
@@ -435,8 +446,8 @@ private:
         }
         const auto pixels = [&](const Span& opaque_bins, int origin, int& first, int& count) {
             // One more on each side: a pixel is read along with the next.
-            const int begin = std::max(opaque_bins.first * size - size / 2 - origin - 1, first);
-            const int end = std::min(opaque_bins.end * size + size / 2 - origin + 1, first + count);
+            const int begin = std::max((opaque_bins.first - 1) * size - origin - 1, first);
+            const int end = std::min((opaque_bins.end + 1) * size - origin + 1, first + count);
             first = begin;
             count = end - begin;
             return count > 0;
@@ -452,9 +463,9 @@ private:
             place.map = &bins;
             return;
         }
-        const int half = (1 << layer.level) / 2;
+        const int size = 1 << layer.level;
         FilteredMap& map = next_magnified();
-        magnifier_.run(layer.level, half, half, place.rows, place.columns, bins.rows, place.columns / (2 * half) + 1,
+        magnifier_.run(layer.level, size, size, place.rows, place.columns, bins.rows, place.columns / size + 2,
                        map, [&](int channel, int row, int first, int count, float* out) {
                            const float* const values =
                                bins.channel(channel) + std::ptrdiff_t{row} * bins.stride + first;

@@ -23,6 +23,7 @@ bins are many pixels, one map serves the whole image (`_coarse_maps`).
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Container, Iterator
 from dataclasses import dataclass, replace
@@ -47,8 +48,14 @@ NEAR_BINS = 3
 BIN_VARIANCE = 1 / 12
 """Variance along one axis of where in its bin a sample lies, in bins²."""
 
-MAGNIFIED_VARIANCE = 1 / 6
-"""Variance, on average, that reading a coarse map between its bins adds along one axis, in bins²."""
+MAGNIFIED_VARIANCE = 1 / 4
+"""Variance that reading a coarse map between its bins, by a quadratic B-spline, adds along one axis, in bins²."""
+
+SHARED_VARIANCE = 1 / 12
+"""What sharing a hit between the nearest bins adds to `BIN_VARIANCE` on average, in bins²."""
+
+SHARES = 256
+"""Steps in which a hit moves from bin to bin: no bin ever gets a share that vanishes in rounding."""
 
 TAIL = 4.0
 """Pixels around what a layer can reach in which its samples still count, for the pixel filter's sake."""
@@ -221,7 +228,7 @@ def _blur_variance(layer: _Layer, plan: Plan) -> float:
     else:
         variance = plan.pixel_variance + layer.slope**2 * plan.aperture.sigma**2 - plan.interpolation_variance
         if layer.level > 0:
-            variance = variance / 4**layer.level - MAGNIFIED_VARIANCE
+            variance = variance / 4**layer.level - MAGNIFIED_VARIANCE - SHARED_VARIANCE
     return max(variance - BIN_VARIANCE, 0.0)
 
 
@@ -243,7 +250,7 @@ def _filter(samples: _Flat, layer: _Layer, plan: Plan, window: _Window) -> Float
         weight = count
     else:
         weight = np.minimum(count / (FULL_WEIGHT * expected), 1.0)
-        hits = hits * (weight / np.maximum(count, 1))
+        hits = hits * (weight / np.maximum(count, MIN_WEIGHT))
     seen = np.minimum(count / (SEEN * expected), 1.0)
 
     taps = gaussian_taps(variance, radius)
@@ -295,8 +302,30 @@ def _scatter(
         return sums.astype(np.float64).reshape(shape)
 
     color = samples.color[reached]
+    if window.cell > 1:
+        hits = _share_hits(at_center[own], color[own], window, radius, shape)
+        return hits, hits[0] + add_up(~own)
     hits = np.stack([add_up(own), *(add_up(own * color[:, channel]) for channel in range(3))])
     return hits, add_up(np.ones(len(own)))
+
+
+def _share_hits(
+    at_center: Float64, color: Float64, window: _Window, radius: int, shape: tuple[int, int]
+) -> Float64:
+    """Share hits between the four nearest bins, so that a light smaller than a bin keeps its place."""
+    position = (at_center - (window.left, window.top)) / window.cell + radius - 0.5
+    corner = np.floor(position)
+    towards = (np.floor((position - corner) * SHARES) + 0.5) / SHARES
+    hits = np.zeros((4, *shape))
+    for step in itertools.product((0, 1), (0, 1)):
+        bins = corner + step
+        inside = ((bins >= 0) & (bins < shape[::-1])).all(axis=-1)
+        weight = np.where(step, towards, 1 - towards).prod(axis=-1)[inside]
+        column, row = bins[inside].astype(np.int64).T
+        np.add.at(hits[0], (row, column), weight)
+        for channel in range(3):
+            np.add.at(hits[channel + 1], (row, column), weight * color[inside, channel])
+    return hits
 
 
 def _blur_matrix(taps: Float64, cells: int, bins: int) -> Float64:
@@ -393,10 +422,10 @@ def _map_of_tile(
 def _bins_around(area: _Window, border: int, level: int) -> _Window:
     """Return the bins that an area's pixels and a border around them lie in, or near focus the pixels.
 
-    The centres of the outermost pixels lie between those of bins.
+    The outermost pixels have bins on all sides, as many as `_magnify` reads.
     """
     size = 2 ** max(level, 0)
-    around = math.ceil((border + size // 2) / size)
+    around = math.ceil((border + (size if level > 0 else 0)) / size)
     return _Window(
         left=area.left - around * size,
         top=area.top - around * size,
@@ -452,19 +481,28 @@ def _read(layer_map: _Map, x: float, y: float, shape: tuple[int, int]) -> _Cell:
 def _magnify(layer_map: _Map, row: int, column: int, shape: tuple[int, int]) -> Float64:
     """Read a map at the centres of pixels, the first of which is `row` and `column` from the tile's first.
 
-    Bins of several pixels are read linearly between their centres.
+    Bins of several pixels are read by quadratic B-splines: linear ones would flatten every peak.
     """
-
-    def place(first: int, count: int, bins: int) -> tuple[npt.NDArray[np.intp], Float64]:
-        position = np.clip((first + np.arange(count) + 0.5) / layer_map.size - 0.5, 0.0, bins - 1)
-        index = np.minimum(position.astype(np.intp), bins - 2)
-        return index, position - index
-
     bins = layer_map.bins
-    upper, down = place(layer_map.row + row, shape[0], bins.shape[1])
-    left, along = place(layer_map.column + column, shape[1], bins.shape[2])
-    between = (1 - down[:, None]) * bins[:, upper] + down[:, None] * bins[:, upper + 1]
-    return np.asarray((1 - along) * between[..., left] + along * between[..., left + 1])
+    rows = _reading_matrix(layer_map.row + row, shape[0], bins.shape[1], layer_map.size)
+    columns = _reading_matrix(layer_map.column + column, shape[1], bins.shape[2], layer_map.size)
+    return np.asarray(rows @ bins @ columns.T)
+
+
+def _reading_matrix(first: int, count: int, bins: int, size: int) -> Float64:
+    """Matrix (count, bins) that reads bins of `size` pixels at the centres of `count` pixels."""
+    pixels = np.arange(count)
+    matrix = np.zeros((count, bins))
+    if size == 1:
+        matrix[pixels, np.clip(first + pixels, 0, bins - 1)] = 1.0
+        return matrix
+    position = np.clip((first + pixels + 0.5) / size - 0.5, 0.5, bins - 1.5)
+    nearest = np.minimum(np.floor(position + 0.5).astype(np.intp), bins - 2)
+    beyond = position - nearest
+    matrix[pixels, nearest - 1] = 0.5 * (0.5 - beyond) ** 2
+    matrix[pixels, nearest] = 0.75 - beyond**2
+    matrix[pixels, nearest + 1] = 0.5 * (0.5 + beyond) ** 2
+    return matrix
 
 
 def _composite(cell: _Cell, shear: float, behind: _Visibility) -> Float64:
