@@ -224,7 +224,8 @@ std::vector<LayerTarget> LayerMaps::layers_near(const Rectangle& pixels, int fir
         target.cell = level > 0 ? static_cast<float>(1 << level) : 1.0f;
         const double slope2 = double{target.slope} * target.slope;
         double variance = plan_.pixel_variance + slope2 * (target.near ? plan_.aperture_variance : plan_.part_variance);
-        if (level > 0) variance = (variance - plan_.interpolation) / (double{target.cell} * target.cell) - magnified_variance;
+        if (level > 0)
+            variance = (variance - plan_.interpolation) / (double{target.cell} * target.cell) - magnified_variance;
         if (level > 0) variance -= bin_variance;  // hits are shared between bins
         if (level == 0) variance -= plan_.interpolation;
         if (target.near) variance *= near_bins * near_bins;
@@ -235,18 +236,20 @@ std::vector<LayerTarget> LayerMaps::layers_near(const Rectangle& pixels, int fir
 }
 
 void LayerMaps::filter(std::vector<LayerTarget>& targets, float left, float top, std::vector<FilteredMap>& maps) {
-    for (LayerTarget& target : targets) {
-        target.lay_out();
-        target.hits.assign(std::size_t{hit_channels} * (target.size + stray_bins), 0.0f);
-        target.holes.assign(std::size_t(target.size) + stray_bins, 0.0f);
+    scattered_.resize(std::max(scattered_.size(), targets.size()));
+    for (std::size_t i = 0; i < targets.size(); ++i) {
+        targets[i].lay_out();
+        const auto bins = static_cast<std::size_t>(targets[i].size) + stray_bins;
+        scattered_[i].hits.assign(hit_channels * bins, 0.0f);
+        scattered_[i].holes.assign(bins, 0.0f);
     }
     scatter(targets, left, top);
     maps.resize(std::max(maps.size(), targets.size()));
-    for (std::size_t i = 0; i < targets.size(); ++i) blur(targets[i], maps[i]);
+    for (std::size_t i = 0; i < targets.size(); ++i) blur(targets[i], scattered_[i], maps[i]);
 }
 
 // Visits every block that may matter to a target, a batch of samples at a time.
-void LayerMaps::scatter(std::vector<LayerTarget>& targets, float left, float top) {
+void LayerMaps::scatter(const std::vector<LayerTarget>& targets, float left, float top) {
     // Samples are sorted by a key that is odd for the targets' own samples and even in between.
     key_of_layer_.resize(plan_.layer_count);
     std::size_t next = 0;
@@ -368,47 +371,48 @@ void LayerMaps::place_all(int n, float left, float top, int keys) {
 }
 
 // A target's own samples are hits, all behind it are holes (Algorithm 1 of the paper).
-void LayerMaps::scatter_batch(std::vector<LayerTarget>& targets, const std::vector<char>& wanted) {
+void LayerMaps::scatter_batch(const std::vector<LayerTarget>& targets, const std::vector<char>& wanted) {
     const int end = start_[2 * targets.size() + 1];
     const std::int32_t* const bins = bins_.data();
     for (std::size_t i = 0; i < targets.size(); ++i) {
         if (!wanted[i]) continue;
-        LayerTarget& target = targets[i];
+        const LayerTarget& target = targets[i];
         const auto around = static_cast<float>(target.margin) * target.cell;
         const BinGrid grid{target.left - around, target.top - around, 1.0f / target.cell,
                            target.bins_per_cell, target.segment,      target.rows + 2 * target.margin,
                            target.segment,       target.stride,       target.size};
         const int hit = start_[2 * i + 1], hole = start_[2 * i + 2];
         if (target.cell > 1.0f)
-            share_hits(target, grid, hit, hole - hit);
+            share_hits(scattered_[i], grid, hit, hole - hit);
         else
-            add_hits(target, grid, hit, hole - hit);
+            add_hits(scattered_[i], grid, hit, hole - hit);
         hole_bins(&x_[hole], &y_[hole], &u_[hole], &v_[hole], target.slope, end - hole, grid, bins_.data());
-        float* const holes = target.holes.data();
+        float* const holes = scattered_[i].holes.data();
         for (int k = 0; k < end - hole; ++k) holes[bins[k]] += 1.0f;
     }
 }
 
-void LayerMaps::add_hits(LayerTarget& target, const BinGrid& grid, int first, int n) {
+void LayerMaps::add_hits(Bins& to, const BinGrid& grid, int first, int n) {
     hit_bins(&x_[first], &y_[first], &u_[first], &v_[first], &c_[first], n, grid, bins_.data());
     const float* const color = &color_[std::size_t{hit_channels} * first];
     const std::int32_t* const bins = bins_.data();
-    float* const hits = target.hits.data();
+    float* const hits = to.hits.data();
     for (int k = 0; k < n; ++k)
         for (int channel = 0; channel < hit_channels; ++channel)
             hits[hit_channels * bins[k] + channel] += color[hit_channels * k + channel];
 }
 
-void LayerMaps::share_hits(LayerTarget& target, const BinGrid& grid, int first, int n) {
+void LayerMaps::share_hits(Bins& to, const BinGrid& grid, int first, int n) {
     hit_corners(&x_[first], &y_[first], &u_[first], &v_[first], &c_[first], n, grid, bins_.data(), right_.data(),
                 down_.data());
     const float* const color = &color_[std::size_t{hit_channels} * first];
-    const std::ptrdiff_t line = std::ptrdiff_t{hit_channels} * target.stride;
+    const std::ptrdiff_t line = std::ptrdiff_t{hit_channels} * grid.stride;
     for (int k = 0; k < n; ++k) {
-        if (bins_[k] == target.size) continue;
-        float* const corner = &target.hits[std::size_t{hit_channels} * bins_[k]];
+        if (bins_[k] == grid.size) continue;
+        float* const corner = &to.hits[std::size_t{hit_channels} * bins_[k]];
         const float right = right_[k], down = down_[k];
-        const float weights[2][2] = {{(1 - right) * (1 - down), right * (1 - down)}, {(1 - right) * down, right * down}};
+        const float weights[2][2] = {{(1 - right) * (1 - down), right * (1 - down)},
+                                     {(1 - right) * down, right * down}};
         for (int row = 0; row < 2; ++row)
             for (int column = 0; column < 2; ++column)
                 for (int channel = 0; channel < hit_channels; ++channel)
@@ -419,13 +423,13 @@ void LayerMaps::share_hits(LayerTarget& target, const BinGrid& grid, int first, 
 
 // The columns first, while radiance and count of a bin still lie side by side; then, on the few rows that are left,
 // the rows.
-void LayerMaps::blur(LayerTarget& target, FilteredMap& map) {
+void LayerMaps::blur(const LayerTarget& target, Bins& from, FilteredMap& map) {
     if (target.near) {
-        count_all(target.hits.data(), target.holes.data(), target.size);
+        count_all(from.hits.data(), from.holes.data(), target.size);
     } else {
         seen_.resize(target.size);
         const float samples = static_cast<float>(samples_.spp) * target.cell * target.cell;
-        weigh_by_place(target.hits.data(), target.holes.data(), seen_.data(), target.size,
+        weigh_by_place(from.hits.data(), from.holes.data(), seen_.data(), target.size,
                        1 / (plan_.full_weight * samples), 1 / (plan_.seen * samples));
     }
     make_taps(target);
@@ -443,7 +447,7 @@ void LayerMaps::blur(LayerTarget& target, FilteredMap& map) {
                   taps_.data(), tap_rows_.data(), tap_count);
         blur_pass(planes_.data(), line, out, target.rows, target.width, taps_.data(), tap_columns_.data(), tap_count);
     };
-    blur_plane(target.holes, weight_.data());
+    blur_plane(from.holes, weight_.data());
     if (!target.near) {
         blur_plane(seen_, map.channel(known));
         const double expected = static_cast<double>(samples_.spp) * target.cell * target.cell;
@@ -451,7 +455,7 @@ void LayerMaps::blur(LayerTarget& target, FilteredMap& map) {
     }
 
     for (int k = 0; k < tap_count; ++k) tap_rows_[k] = hit_channels * k * line;
-    blur_pass(&target.hits[hit_channels * first * line], hit_channels * target.bins_per_cell * line,
+    blur_pass(&from.hits[hit_channels * first * line], hit_channels * target.bins_per_cell * line,
               columns_blurred_.data(), target.rows, static_cast<int>(hit_channels * line), taps_.data(),
               tap_rows_.data(), tap_count);
     separate(columns_blurred_.data(), planes_.data(), plane, static_cast<int>(plane));

@@ -42,8 +42,6 @@ struct LayerTarget {
     int bins_per_cell, radius, margin;  // of the blur's kernel in bins, and its reach in cells
     int width, segment;                 // cells of a row of the result and of the bins, in memory
     int stride, bin_rows, size;         // bins from row to row (stored phase by phase), rows of bins, bins in all
-    std::vector<float> hits;            // (size + strays, 4): radiance and number of samples
-    std::vector<float> holes;           // (size + strays)
 
     // Asks for the part of a grid of cells (its corner relative to the origin, its size) that the layer can cover;
     // false if that is nothing.
@@ -52,7 +50,13 @@ struct LayerTarget {
     Rectangle catchment() const;
 };
 
-// The bins of a target; samples beyond them go to the stray bins after the last, in turn, so that none of these is
+// What has been scattered to the bins of a target.
+struct Bins {
+    std::vector<float> hits;   // (size + strays, 4): radiance and number of samples
+    std::vector<float> holes;  // (size + strays)
+};
+
+// Where the bins of a target are; samples beyond them go to the stray bins after the last, in turn, so that none of these is
 // waited for.
 struct BinGrid {
     float left, top, per_pixel;
@@ -70,14 +74,14 @@ public:
     void filter(std::vector<LayerTarget>& targets, float left, float top, std::vector<FilteredMap>& maps);
 
 private:
-    void scatter(std::vector<LayerTarget>& targets, float left, float top);
+    void scatter(const std::vector<LayerTarget>& targets, float left, float top);
     void prefetch(std::ptrdiff_t first, int count) const;
     void sort_batch(int target_count, float left, float top);
     void place_all(int n, float left, float top, int keys);
-    void scatter_batch(std::vector<LayerTarget>& targets, const std::vector<char>& wanted);
-    void add_hits(LayerTarget& target, const BinGrid& grid, int first, int n);
-    void share_hits(LayerTarget& target, const BinGrid& grid, int first, int n);
-    void blur(LayerTarget& target, FilteredMap& map);
+    void scatter_batch(const std::vector<LayerTarget>& targets, const std::vector<char>& wanted);
+    void add_hits(Bins& to, const BinGrid& grid, int first, int n);
+    void share_hits(Bins& to, const BinGrid& grid, int first, int n);
+    void blur(const LayerTarget& target, Bins& from, FilteredMap& map);
     void make_taps(const LayerTarget& target);
 
     const Samples& samples_;
@@ -91,10 +95,11 @@ private:
         std::ptrdiff_t first;
         int count;
     };
+    std::vector<Bins> scattered_;  // of each target; kept for the next
     std::vector<Run> runs_;                             // of samples that make up a batch
     std::vector<float> depth_, slope_, xy_, uv_, rgb_;  // in the order of samples
     std::vector<float> right_, down_;
-    std::vector<float> x_, y_, u_, v_, c_, color_;      // sorted
+    std::vector<float> x_, y_, u_, v_, c_, color_;  // sorted
     std::vector<std::int32_t> key_, key_of_layer_, start_, middle_, cursor_, bins_;
     std::vector<float> taps_, seen_, weight_, columns_blurred_, planes_;
     std::vector<std::ptrdiff_t> tap_rows_, tap_columns_;

@@ -191,10 +191,9 @@ struct Span {
 // A row of pixels between three rows of bins.
 FEWRAYS_CLONES void magnify_row(const float* FEWRAYS_RESTRICT above, const float* FEWRAYS_RESTRICT here,
                                 const float* FEWRAYS_RESTRICT below, int cells, float above_weight, float here_weight,
-                                float below_weight, float* FEWRAYS_RESTRICT between,
-                                const int* FEWRAYS_RESTRICT first, const float* FEWRAYS_RESTRICT w0,
-                                const float* FEWRAYS_RESTRICT w1, const float* FEWRAYS_RESTRICT w2, int columns,
-                                float* FEWRAYS_RESTRICT out) {
+                                float below_weight, float* FEWRAYS_RESTRICT between, const int* FEWRAYS_RESTRICT first,
+                                const float* FEWRAYS_RESTRICT w0, const float* FEWRAYS_RESTRICT w1,
+                                const float* FEWRAYS_RESTRICT w2, int columns, float* FEWRAYS_RESTRICT out) {
     for (int i = 0; i < cells; ++i)
         between[i] = above_weight * above[i] + here_weight * here[i] + below_weight * below[i];
     for (int i = 0; i < columns; ++i)
@@ -372,7 +371,8 @@ private:
         }
     }
 
-    // One map for the tile and a border that the parts of the aperture look into: the pixels that have bins on all sides. False if the layer does not reach there.
+    // One map for the tile and a border that the parts of the aperture look into: the pixels that have bins on all
+    // sides. False if the layer does not reach there.
     bool place_together(TileLayer& layer, LayerTarget& target, int border, float x, float y) const {
         const int size = layer.level > 0 ? 1 << layer.level : 1, edge = layer.level > 0 ? size : 0;
         const int bins = layer.level > 0 ? (border + edge + size - 1) / size : border;  // of the border
@@ -465,8 +465,8 @@ private:
         }
         const int size = 1 << layer.level;
         FilteredMap& map = next_magnified();
-        magnifier_.run(layer.level, size, size, place.rows, place.columns, bins.rows, place.columns / size + 2,
-                       map, [&](int channel, int row, int first, int count, float* out) {
+        magnifier_.run(layer.level, size, size, place.rows, place.columns, bins.rows, place.columns / size + 2, map,
+                       [&](int channel, int row, int first, int count, float* out) {
                            const float* const values =
                                bins.channel(channel) + std::ptrdiff_t{row} * bins.stride + first;
                            std::copy(values, values + count, out);

@@ -1,9 +1,10 @@
 """Layered light field reconstruction, after Vaidyanathan, Munkberg, Clarberg and Salvi 2015 and beyond it.
 
-Samples are split into thin depth layers. Each layer keeps a map of radiance and opacity as the lens centre sees it;
-a separable blur turns it into what a part of the aperture sees, for any blur radius; the layers are composited front
-to back, part by part. `reference` is the method in plain NumPy; `slabs` says what a layer is, `aperture` what a part
-is, `plan` what all tiles share. `fewrays.layered_published` is the method as the paper has it.
+Samples are split into thin depth layers. Each layer keeps a map of radiance and opacity as the lens centre sees
+it; a separable blur turns it into what a part of the aperture sees, for any blur radius; the layers are
+composited front to back, part by part. `reference` is the method in plain NumPy; `slabs` says what a layer is,
+`aperture` what a part is, `plan` what all tiles share. `fewrays.layered_published` is the method as the paper
+has it.
 """
 
 from __future__ import annotations
@@ -30,11 +31,11 @@ class LayeredOptions:
     sigma_pix: float = 0.5
     """Standard deviation of the Gaussian pixel filter, in pixels."""
     layer_spacing: float = 0.14
-    """Thickness of a depth layer: roughly the ratio by which slopes differ far from focus, and in pixels of slope
-    near focus about six times as much. Larger is faster and less sharp at occlusions."""
+    """Thickness of a depth layer: about the share by which slopes differ far from focus, and six times as many
+    pixels of slope near focus. Larger is faster and less sharp at occlusions."""
     aperture_parts: int = 3
-    """Parts of the aperture along one axis whose visibility is resolved apart: 1 is fastest and as the paper has
-    it, more are truer where blurred things cover each other."""
+    """Parts of the aperture along one axis whose visibility is resolved apart: 1 is fastest, more are truer where
+    blurred things cover each other. 5 for best quality."""
     tile: int = 128
     """Side of a tile in pixels; a matter of speed."""
 
@@ -85,7 +86,7 @@ def _spread_over_tiles(counts: npt.NDArray[np.int32], plan: Plan) -> npt.NDArray
 
 METHOD = Method(
     name="layered",
-    summary="thin depth layers, blurred and composited by parts of the aperture (after Vaidyanathan et al. 2015)",
+    summary="thin depth layers, blurred and composited by parts of the aperture",
     options=LayeredOptions,
     devices=("cpu", "reference"),
     run=_run,

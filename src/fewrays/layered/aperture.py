@@ -1,9 +1,10 @@
 """The aperture in parts, each a narrower Gaussian.
 
-The paper averages opacity over the whole lens before it composites the layers (Eq. 34), which loses all knowledge of
-*where* on the lens a layer covers another. Over a part of the lens less is lost. A Gaussian aperture of standard
-deviation s is split, along each axis, into n Gaussians of standard deviation r s with binomial weights, spaced by
-2 r s so that their sum is smooth; the spacing's variance and r² add up to 1:
+The paper averages opacity over the whole lens before it composites the layers (Eq. 34), which loses all
+knowledge of *where* on the lens a layer covers another. Over a part of the lens less is lost. A Gaussian aperture
+of standard deviation s is split, along each axis, into n Gaussians of standard deviation r s with binomial
+weights, spaced by 2 r s so that their sum comes close to the Gaussian again (within 7 % of its peak for n = 3);
+the spacing's variance and r² add up to 1:
 
     r² = 1 / n.
 """
@@ -56,8 +57,8 @@ class ApertureParts:
 def aperture_variance(lens: Lens) -> float:
     """Second moment of a lens's aperture along one axis, in lens units².
 
-    A disc is replaced by the Gaussian of the same moment. A Gaussian aperture ends where lens samples do, at the
-    square ``[-1, 1]²``.
+    A disc is replaced by the Gaussian of the same moment. A Gaussian aperture ends where lens samples do, at
+    the square ``[-1, 1]²``.
     """
     sigma = lens.gaussian_sigma
     if lens.aperture != "gaussian":

@@ -27,7 +27,7 @@ def reconstruct_tiles(
     contributions: npt.NDArray[np.float32] | None,
     execution: Execution,
 ) -> None:
-    """Reconstruct all tiles into `image`, the number of layers into `counts`, the layers' parts if asked for."""
+    """Fill in the image, the number of layers of each tile and, if asked for, what each layer contributes."""
     view = _native.Samples(
         samples.xy, samples.uv, samples.depth, samples.color, samples.lens.c0, samples.lens.c1
     )
@@ -45,7 +45,7 @@ def reconstruct_tiles(
         full_weight=FULL_WEIGHT,
         seen=SEEN,
     )
-    blocks = _survey(samples, view, plan, native_plan, execution)
+    blocks = _survey(view, plan, native_plan, execution)
     maps = _coarse_maps(view, blocks, plan, native_plan, execution)
     map_ranges(
         lambda first, last: _native.layered_tiles(
@@ -66,7 +66,6 @@ def block_size(plan: Plan) -> int:
 
 
 def _survey(
-    samples: SampleBuffer,
     view: _native.Samples,
     plan: Plan,
     native_plan: _native.LayeredPlan,
@@ -106,7 +105,8 @@ def _coarse_maps(
                 int(layer),
                 each.margin >> int(plan.slabs.levels[layer]),
                 np.zeros(
-                    (each.rows, each.columns, 5, *(2 * [each.side >> int(plan.slabs.levels[layer])])), np.float32
+                    (each.rows, each.columns, 5, *(2 * [each.side >> int(plan.slabs.levels[layer])])),
+                    np.float32,
                 ),
             )
             for layer in np.flatnonzero((plan.slabs.levels >= each.first) & (plan.slabs.levels <= each.last))

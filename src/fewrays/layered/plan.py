@@ -10,7 +10,16 @@ from fewrays.layered.aperture import ApertureParts, aperture_variance
 from fewrays.layered.slabs import Slabs
 from fewrays.samples import SampleBuffer
 
-__all__ = ["DEEPEST_TILE_LEVEL", "FULL_WEIGHT", "MAP_MARGIN", "MAP_TILE", "MAX_SLOPE", "SEEN", "CoarsePass", "Plan"]
+__all__ = [
+    "DEEPEST_TILE_LEVEL",
+    "FULL_WEIGHT",
+    "MAP_MARGIN",
+    "MAP_TILE",
+    "MAX_SLOPE",
+    "SEEN",
+    "CoarsePass",
+    "Plan",
+]
 
 MAX_SLOPE = 2.0**15
 """Slopes beyond this count as this, in pixels: such samples are spread over far more than any image."""
@@ -22,7 +31,7 @@ MAP_TILE = 256
 """Bins along a side of a tile of a coarse map, at least."""
 
 DEEPEST_TILE_LEVEL = 1
-"""Layers of bins up to this level are filtered tile by tile; those of coarser bins as maps of the whole image."""
+"""Layers of bins up to this level are filtered tile by tile, those of coarser bins as maps of the image."""
 
 FULL_WEIGHT = 3 / 8
 """Share of the expected samples from which on a bin weighs as much as any other."""
@@ -98,8 +107,8 @@ class Plan:
     def interpolation_variance(self) -> float:
         """Variance that reading a map between its cells adds along one axis, in cells².
 
-        Linear interpolation at the fraction f adds ``f (1 - f)``, 1/6 on average; parts in the aperture's centre
-        read the cells themselves.
+        Linear interpolation at the fraction f adds ``f (1 - f)``, 1/6 on average; parts at the aperture's centre
+                read the cells themselves.
         """
         return (1 - self.aperture.central_weight) / 6
 
@@ -116,9 +125,9 @@ class Plan:
     def coarse_passes(self) -> list[CoarsePass]:
         """How the layers beyond `DEEPEST_TILE_LEVEL` are filtered: two levels at a time, or more.
 
-        Layers of several levels share a pass over the samples. The deeper a level, the farther its samples lie from
-        where they count, so tiles grow with it; a tile that holds the whole image serves deeper levels as well, as
-        long as the margin that these need does not outgrow it.
+        Layers of several levels share a pass over the samples. The deeper a level, the farther its samples lie
+        from where they count, so tiles grow with it; a tile that holds the whole image serves deeper levels as
+        well, as long as the margin that these need does not outgrow it.
         """
         passes = []
         deepest = int(self.slabs.levels.max(initial=0))
@@ -144,7 +153,7 @@ class CoarsePass:
     side : int
         Of a tile, in pixels.
     margin : int
-        What the maps hold to the left of and above the image, in pixels; at least as much to the right and below.
+        What the maps hold to the left of and above the image, in pixels; beyond it they hold as much or more.
     rows, columns : int
         Tiles.
     """

@@ -49,7 +49,7 @@ BIN_VARIANCE = 1 / 12
 """Variance along one axis of where in its bin a sample lies, in bins²."""
 
 MAGNIFIED_VARIANCE = 1 / 4
-"""Variance that reading a coarse map between its bins, by a quadratic B-spline, adds along one axis, in bins²."""
+"""Variance that a quadratic B-spline adds, which reads coarse maps between bins, along one axis, in bins²."""
 
 SHARED_VARIANCE = 1 / 12
 """What sharing a hit between the nearest bins adds to `BIN_VARIANCE` on average, in bins²."""

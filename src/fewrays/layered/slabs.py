@@ -1,9 +1,10 @@
 """Depth layers: thin slabs of slope, the bins that each is worth, and which slab a sample belongs to.
 
-A layer's opacity and radiance are blurred with one width, that of its mean slope, so its slopes may differ by no
-more than the blur can hide. What hides is the blur itself, of standard deviation ``|C| sigma`` (sigma: that of the
-aperture), and near focus the pixel. Boundaries are therefore uniform in ``asinh(C sigma / scale)``: a constant step
-in slope near the focal plane, a constant ratio far from it. One layer is centred on the focal plane.
+A layer's opacity and radiance are blurred with one width, that of its mean slope, so its slopes may differ by
+no more than the blur can hide. What hides is the blur itself, of standard deviation ``|C| sigma`` (sigma:
+that of the aperture), and near focus the pixel. Boundaries are therefore uniform in ``asinh(C sigma / scale)``: a
+constant step in slope near the focal plane, a constant ratio far from it. One layer is centred on the focal
+plane.
 """
 
 from __future__ import annotations
@@ -43,7 +44,14 @@ class Slabs:
 
     @classmethod
     def covering(
-        cls, c_min: float, c_max: float, *, spacing: float, sigma_pix: float, sigma_u: float, part_sigma: float
+        cls,
+        c_min: float,
+        c_max: float,
+        *,
+        spacing: float,
+        sigma_pix: float,
+        sigma_u: float,
+        part_sigma: float,
     ) -> Slabs:
         """Lay out the layers that slopes from `c_min` to `c_max` need.
 
