@@ -74,11 +74,22 @@ FEWRAYS_CLONES void hit_corners(const float* FEWRAYS_RESTRICT x, const float* FE
     }
 }
 
+// A number from -1/2 to 1/2 that looks random, but is the sample's own.
+FEWRAYS_INLINE float scramble(float u) {
+    const float many = (u + 1.0f) * 719.37f;
+    return many - static_cast<float>(static_cast<std::int32_t>(many)) - 0.5f;
+}
+
+// Holes of coarse layers are scattered over as much of the bins, on average, as shared hits are: otherwise these would
+// widen what they cover.
 FEWRAYS_CLONES void hole_bins(const float* FEWRAYS_RESTRICT x, const float* FEWRAYS_RESTRICT y,
                               const float* FEWRAYS_RESTRICT u, const float* FEWRAYS_RESTRICT v, float c, int n,
                               const BinGrid& grid, std::int32_t* FEWRAYS_RESTRICT bins) {
     const BinGrid local = grid;
-    for (int i = 0; i < n; ++i) bins[i] = bin_of(x[i] - c * u[i], y[i] - c * v[i], local, i);
+    const float spread = local.hole_spread;
+    for (int i = 0; i < n; ++i)
+        bins[i] =
+            bin_of(x[i] - c * u[i] + spread * scramble(u[i]), y[i] - c * v[i] + spread * scramble(v[i]), local, i);
 }
 
 // Slopes of `n` samples, and the keys that the layers have which these fall into.
@@ -378,9 +389,11 @@ void LayerMaps::scatter_batch(const std::vector<LayerTarget>& targets, const std
         if (!wanted[i]) continue;
         const LayerTarget& target = targets[i];
         const auto around = static_cast<float>(target.margin) * target.cell;
-        const BinGrid grid{target.left - around, target.top - around, 1.0f / target.cell,
-                           target.bins_per_cell, target.segment,      target.rows + 2 * target.margin,
-                           target.segment,       target.stride,       target.size};
+        const BinGrid grid{target.left - around, target.top - around,
+                           1.0f / target.cell,   target.bins_per_cell,
+                           target.segment,       target.rows + 2 * target.margin,
+                           target.segment,       target.stride,
+                           target.size,          target.cell > 1.0f ? target.cell : 0.0f};
         const int hit = start_[2 * i + 1], hole = start_[2 * i + 2];
         if (target.cell > 1.0f)
             share_hits(scattered_[i], grid, hit, hole - hit);

@@ -61,6 +61,7 @@ struct Bins {
 struct BinGrid {
     float left, top, per_pixel;
     int bins_per_cell, columns, rows, segment, stride, size;
+    float hole_spread;  // in pixels
 };
 
 class LayerMaps {

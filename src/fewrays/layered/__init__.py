@@ -33,7 +33,7 @@ class LayeredOptions:
     layer_spacing: float = 0.14
     """Thickness of a depth layer: about the share by which slopes differ far from focus, and six times as many
     pixels of slope near focus. Larger is faster and less sharp at occlusions."""
-    aperture_parts: int = 3
+    aperture_parts: int = 4
     """Parts of the aperture along one axis whose visibility is resolved apart: 1 is fastest, more are truer where
     blurred things cover each other. 5 for best quality."""
     tile: int = 128

@@ -54,6 +54,7 @@ def reconstruct_tiles(
         plan.tile_count,
         execution,
         label="layered",
+        chunk=16,
     )
 
 

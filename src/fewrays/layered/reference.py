@@ -290,6 +290,9 @@ def _scatter(
     own = samples.layer[reached] == layer.index
     slope = np.where(own, samples.slope[reached], layer.slope)
     at_center = samples.xy[reached] - slope[:, None] * samples.uv[reached]
+    if window.cell > 1:
+        # As wide, on average, as shared hits; otherwise these would widen what they cover.
+        at_center[~own] += window.cell * _scramble(samples.uv[reached][~own])
 
     shape = (window.rows * bins + 2 * radius, window.columns * bins + 2 * radius)
     position = np.floor((at_center - (window.left, window.top)) * (bins / window.cell)) + radius
@@ -307,6 +310,12 @@ def _scatter(
         return hits, hits[0] + add_up(~own)
     hits = np.stack([add_up(own), *(add_up(own * color[:, channel]) for channel in range(3))])
     return hits, add_up(np.ones(len(own)))
+
+
+def _scramble(uv: Float64) -> Float64:
+    """Return numbers from -1/2 to 1/2 that look random, but are the samples' own."""
+    many = (uv.astype(np.float32) + np.float32(1)) * np.float32(719.37)
+    return np.asarray(many - np.trunc(many) - np.float32(0.5), np.float64)
 
 
 def _share_hits(
