@@ -1,10 +1,10 @@
 """Layered light field reconstruction, after Vaidyanathan, Munkberg, Clarberg and Salvi 2015 and beyond it.
 
-Samples are split into thin depth layers. Each layer keeps a map of radiance and opacity as the lens centre sees
-it; a separable blur turns it into what a part of the aperture sees, for any blur radius; the layers are
-composited front to back, part by part. `reference` is the method in plain NumPy; `slabs` says what a layer is,
-`aperture` what a part is, `plan` what all tiles share. `fewrays.layered_published` is the method as the paper
-has it.
+Samples are split into thin depth layers. Each layer keeps a map of radiance and opacity as the lens centre
+sees it; a separable blur turns it into what a part of the aperture sees, for any blur radius; the layers
+are composited front to back, part by part. `reference` is the method in plain NumPy; `slabs` says what a
+layer is, `aperture` what a part is, `plan` what all tiles share. `fewrays.layered_published` is the method
+as the paper has it.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ class LayeredOptions:
     sigma_pix: float = 0.5
     """Standard deviation of the Gaussian pixel filter, in pixels."""
     layer_spacing: float = 0.14
-    """Thickness of a depth layer: about the share by which slopes differ far from focus, and six times as many
-    pixels of slope near focus. Larger is faster and less sharp at occlusions."""
+    """Thickness of a depth layer: about the share by which slopes differ far from focus, and six times as
+    many pixels of slope near focus. Larger is faster and less sharp at occlusions."""
     aperture_parts: int = 4
-    """Parts of the aperture along one axis whose visibility is resolved apart: 1 is fastest, more are truer where
-    blurred things cover each other. 5 for best quality."""
+    """Parts of the aperture along one axis whose visibility is resolved apart: 1 is fastest, more are truer
+    where blurred things cover each other. 5 for best quality, 2 for speed."""
     tile: int = 128
     """Side of a tile in pixels; a matter of speed."""
 

@@ -1,10 +1,10 @@
 """The aperture in parts, each a narrower Gaussian.
 
 The paper averages opacity over the whole lens before it composites the layers (Eq. 34), which loses all
-knowledge of *where* on the lens a layer covers another. Over a part of the lens less is lost. A Gaussian aperture
-of standard deviation s is split, along each axis, into n Gaussians of standard deviation r s with binomial
-weights, spaced by 2 r s so that their sum comes close to the Gaussian again (within 7 % of its peak for n = 3);
-the spacing's variance and r² add up to 1:
+knowledge of *where* on the lens a layer covers another. Over a part of the lens less is lost. A Gaussian
+aperture of standard deviation s is split, along each axis, into n Gaussians of standard deviation r s with
+binomial weights, spaced by 2 r s so that their sum comes close to the Gaussian again (within 7 % of its
+peak for n = 3); the spacing's variance and r² add up to 1:
 
     r² = 1 / n.
 """

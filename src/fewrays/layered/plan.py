@@ -107,7 +107,8 @@ class Plan:
     def interpolation_variance(self) -> float:
         """Variance that reading a map between its cells adds along one axis, in cells².
 
-        Linear interpolation at the fraction f adds ``f (1 - f)``, 1/6 on average; parts at the aperture's centre
+        Linear interpolation at the fraction f adds ``f (1 - f)``, 1/6 on average; parts at the aperture's
+        centre
                 read the cells themselves.
         """
         return (1 - self.aperture.central_weight) / 6
@@ -125,9 +126,9 @@ class Plan:
     def coarse_passes(self) -> list[CoarsePass]:
         """How the layers beyond `DEEPEST_TILE_LEVEL` are filtered: two levels at a time, or more.
 
-        Layers of several levels share a pass over the samples. The deeper a level, the farther its samples lie
-        from where they count, so tiles grow with it; a tile that holds the whole image serves deeper levels as
-        well, as long as the margin that these need does not outgrow it.
+        Layers of several levels share a pass over the samples. The deeper a level, the farther its samples
+        lie from where they count, so tiles grow with it; a tile that holds the whole image serves deeper
+        levels as well, as long as the margin that these need does not outgrow it.
         """
         passes = []
         deepest = int(self.slabs.levels.max(initial=0))

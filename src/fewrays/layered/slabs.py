@@ -2,9 +2,9 @@
 
 A layer's opacity and radiance are blurred with one width, that of its mean slope, so its slopes may differ by
 no more than the blur can hide. What hides is the blur itself, of standard deviation ``|C| sigma`` (sigma:
-that of the aperture), and near focus the pixel. Boundaries are therefore uniform in ``asinh(C sigma / scale)``: a
-constant step in slope near the focal plane, a constant ratio far from it. One layer is centred on the focal
-plane.
+that of the aperture), and near focus the pixel. Boundaries are therefore uniform in
+``asinh(C sigma / scale)``: a constant step in slope near the focal plane, a constant ratio far from it. One
+layer is centred on the focal plane.
 """
 
 from __future__ import annotations
