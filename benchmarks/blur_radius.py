@@ -63,9 +63,9 @@ def section(grown: Sequence[Growth]) -> Iterator[str]:
     yield "## Any blur radius"
     yield (
         "CPU seconds with one thread when all slopes, hence all circles of confusion, are so many times as "
-        "large. The planes of leaves are sampled anew through the larger lens; the examples' rays are moved "
-        "to where that lens would have seen their hits (`SampleBuffer.refocus`), which takes many of them "
-        "off the image and far from their pixel's place in memory."
+        "large. The planes of leaves are sampled anew through the larger lens; the examples' rays stay where "
+        "they are and only get larger slopes, which makes no picture but costs the same. Larger slopes also "
+        "spread a scene over more depth layers."
     )
     head = [
         "workload",
