@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from fewrays import _native
 from fewrays.layered.plan import DEEPEST_TILE_LEVEL, FULL_WEIGHT, SEEN, Plan
-from fewrays.parallel import Execution, map_ranges
+from fewrays.parallel import Execution, map_ranges, usable_cores
 from fewrays.samples import SampleBuffer
 
 __all__ = ["reconstruct_tiles"]
@@ -47,6 +47,7 @@ def reconstruct_tiles(
     )
     blocks = _survey(view, plan, native_plan, execution)
     maps = _coarse_maps(view, blocks, plan, native_plan, execution)
+    threads = execution.threads or usable_cores()
     map_ranges(
         lambda first, last: _native.layered_tiles(
             view, blocks, native_plan, maps, first, last, image, counts, slots, contributions
@@ -54,7 +55,7 @@ def reconstruct_tiles(
         plan.tile_count,
         execution,
         label="layered",
-        chunk=16,
+        chunk=min(max(plan.tile_count // (4 * threads), 1), 16),
     )
 
 

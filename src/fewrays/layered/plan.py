@@ -108,8 +108,7 @@ class Plan:
         """Variance that reading a map between its cells adds along one axis, in cells².
 
         Linear interpolation at the fraction f adds ``f (1 - f)``, 1/6 on average; parts at the aperture's
-        centre
-                read the cells themselves.
+        centre read the cells themselves.
         """
         return (1 - self.aperture.central_weight) / 6
 
