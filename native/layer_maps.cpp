@@ -154,7 +154,8 @@ bool LayerTarget::want(float grid_left, float grid_top, int grid_rows, int grid_
                        float origin_y) {
     // Hits of coarse layers are shared with the next bins, and splines read bins on all sides.
     const float beyond = cell > 1.0f ? 4.0f : 2.0f;
-    const float around = static_cast<float>(taps_radius(blur_variance)) * cell / (near ? near_bins : 1.0f) + beyond * cell;
+    const float around =
+        static_cast<float>(taps_radius(blur_variance)) * cell / (near ? near_bins : 1.0f) + beyond * cell;
     const auto cells = [&](float from, float to, float start, int count) {
         const float last = static_cast<float>(count);
         const float first_cell = std::floor(std::clamp((from - around - start) / cell, 0.0f, last));

@@ -56,8 +56,8 @@ struct Bins {
     std::vector<float> holes;  // (size + strays)
 };
 
-// Where the bins of a target are; samples beyond them go to the stray bins after the last, in turn, so that none of these is
-// waited for.
+// Where the bins of a target are; samples beyond them go to the stray bins after the last, in turn, so that none of
+// these is waited for.
 struct BinGrid {
     float left, top, per_pixel;
     int bins_per_cell, columns, rows, segment, stride, size;
@@ -96,7 +96,7 @@ private:
         std::ptrdiff_t first;
         int count;
     };
-    std::vector<Bins> scattered_;  // of each target; kept for the next
+    std::vector<Bins> scattered_;                       // of each target; kept for the next
     std::vector<Run> runs_;                             // of samples that make up a batch
     std::vector<float> depth_, slope_, xy_, uv_, rgb_;  // in the order of samples
     std::vector<float> right_, down_;
