@@ -252,4 +252,4 @@ def test_large_renders_of_a_scene_come_before_small_ones(load_module: Any, tmp_p
 
 def test_extra_memory_is_that_of_the_call(load_module: Any) -> None:
     measured = load_module("memory").extra_memory(lambda: np.ones(2**23))
-    assert measured == pytest.approx(64, abs=8)
+    assert measured == pytest.approx(64, abs=16)  # sanitizers keep a shadow of an eighth
