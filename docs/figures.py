@@ -333,10 +333,9 @@ def layered_with(
         plan = replace(plan, slabs=slabs)
     image = np.zeros((plan.height, plan.width, 3), np.float32)
     counts = np.zeros(plan.tile_count, np.int32)
-    slots = np.arange(plan.slabs.count, dtype=np.int32)
     full_weight = layered_plan.FULL_WEIGHT if by_place else 1e4  # which no bin reaches
     with patch.object(kernel, "FULL_WEIGHT", full_weight):
-        kernel.reconstruct_tiles(samples, plan, image, counts, slots, None, Execution(threads=threads))
+        kernel.reconstruct_tiles(samples, plan, image, counts, None, Execution(threads=threads))
     return image
 
 

@@ -208,13 +208,10 @@ NB_MODULE(_native, m) {
         "layered_tiles",
         [](const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan,
            const std::vector<CoarseMap>& maps, int first, int last, Array<float, -1, -1, 3> image,
-           Array<std::int32_t, -1> counts, Array<const std::int32_t, -1> slot_of_layer,
-           std::optional<Array<float, -1, -1, -1, 4>> contributions) {
-            const LayeredOutput output{image.data(), counts.data(), contributions ? contributions->data() : nullptr,
-                                       slot_of_layer.data(),
-                                       contributions ? static_cast<int>(contributions->shape(2)) : 0};
+           Array<std::int32_t, -1> counts, std::optional<Array<float, -1, -1, -1, 4>> contributions) {
+            const LayeredOutput output{image.data(), counts.data(), contributions ? contributions->data() : nullptr};
             layered_tiles(samples, blocks, plan, maps.data(), static_cast<int>(maps.size()), first, last, output);
         },
-        "samples"_a, "blocks"_a, "plan"_a, "maps"_a, "first"_a, "last"_a, "image"_a, "counts"_a, "slot_of_layer"_a,
+        "samples"_a, "blocks"_a, "plan"_a, "maps"_a, "first"_a, "last"_a, "image"_a, "counts"_a,
         "contributions"_a.none(), nb::call_guard<nb::gil_scoped_release>());
 }

@@ -5,7 +5,6 @@
 #include <utility>
 
 #include "math/blur_taps.h"
-#include "math/slope.h"
 #include "separable_blur.h"
 #include "simd.h"
 
@@ -14,10 +13,11 @@ namespace {
 
 constexpr int batch_size = 1024;  // samples that are sorted by layer at a time
 constexpr int stray_bins = 16;
-constexpr int hit_channels = 4;              // red, green, blue, count
-constexpr int near_bins = 3;                 // per pixel
-constexpr double magnified_variance = 0.25;  // of the quadratic B-spline that reads coarse maps, in bins²
-constexpr double bin_variance = 1.0 / 12.0;  // of the bin that a sample is rounded to, in bins²
+constexpr int hit_channels = 4;                 // red, green, blue, count
+constexpr int near_bins = 3;                    // per pixel
+constexpr double magnified_variance = 0.25;     // of the quadratic B-spline that reads coarse maps, in bins²
+constexpr double bin_variance = 1.0 / 12.0;     // of the bin that a sample is rounded to, in bins²
+constexpr double shared_variance = 1.0 / 12.0;  // what sharing hits between bins adds to that
 constexpr float min_weight = 1e-12f;
 constexpr float tail = 4.0f;  // pixels around a layer's reach in which its samples still count
 
@@ -31,7 +31,7 @@ FEWRAYS_INLINE std::int32_t bin_of(float x, float y, const BinGrid& grid, int i)
     const auto column = static_cast<std::int32_t>(in_x), row = static_cast<std::int32_t>(in_y);
     const auto phase = static_cast<std::int32_t>((in_x - static_cast<float>(column)) * phases);
     const auto sub_row = static_cast<std::int32_t>((in_y - static_cast<float>(row)) * phases);
-    const std::int32_t bin = (row * grid.bins_per_cell + sub_row) * grid.stride + phase * grid.segment + column;
+    const std::int32_t bin = (row * grid.bins_per_cell + sub_row) * grid.stride + phase * grid.columns + column;
     // A choice by arithmetic: written with ?: the compiler would branch around all of the above.
     const std::int32_t inside = -(static_cast<std::int32_t>(in_x == qx) & static_cast<std::int32_t>(in_y == qy));
     return (bin & inside) | ((grid.size + i % stray_bins) & ~inside);
@@ -92,15 +92,6 @@ FEWRAYS_CLONES void hole_bins(const float* FEWRAYS_RESTRICT x, const float* FEWR
             bin_of(x[i] - c * u[i] + spread * scramble(u[i]), y[i] - c * v[i] + spread * scramble(v[i]), local, i);
 }
 
-// Slopes of `n` samples, and the keys that the layers have which these fall into.
-FEWRAYS_CLONES void find_keys(const float* FEWRAYS_RESTRICT depth, int n, float c0, float c1, const LayerLookup& lookup,
-                              const std::int32_t* FEWRAYS_RESTRICT key_of_layer, float* FEWRAYS_RESTRICT slopes,
-                              std::int32_t* FEWRAYS_RESTRICT keys) {
-    for (int i = 0; i < n; ++i) slopes[i] = slope(depth[i], c0, c1);
-    lookup.run(slopes, n, keys);
-    for (int i = 0; i < n; ++i) keys[i] = key_of_layer[keys[i]];
-}
-
 // Weighs every bin by how well it is known instead of by the samples in it, so that clusters of samples count no
 // more than their place: hits become shares of the bin, holes its weight. `seen` is 1 where samples are enough to tell
 // that the place is not hidden.
@@ -146,8 +137,6 @@ FEWRAYS_CLONES void scale_known(float* values, std::ptrdiff_t plane, float scale
     for (std::ptrdiff_t i = 0; i < plane; ++i) values[i] = std::min(values[i] * scale, 1.0f);
 }
 
-int round_up(int n) { return (n + columns_at_once - 1) / columns_at_once * columns_at_once; }
-
 }  // namespace
 
 bool LayerTarget::want(float grid_left, float grid_top, int grid_rows, int grid_columns, float origin_x,
@@ -175,8 +164,8 @@ void LayerTarget::lay_out() {
     bins_per_cell = near ? near_bins : 1;
     radius = taps_radius(blur_variance);
     margin = (radius + bins_per_cell / 2) / bins_per_cell + (cell > 1.0f ? 1 : 0);  // shared hits begin one earlier
-    width = round_up(columns);
-    segment = round_up(width + 2 * margin);
+    width = whole_groups(columns);
+    segment = whole_groups(width + 2 * margin);
     stride = segment * bins_per_cell;
     bin_rows = (rows + 2 * margin) * bins_per_cell;
     size = bin_rows * stride;
@@ -189,22 +178,30 @@ Rectangle LayerTarget::catchment() const {
     return window.grown(reach);
 }
 
+float farthest_part(const LayeredPlan& plan) {
+    float farthest = 0;
+    for (int i = 0; i < plan.part_count; ++i)
+        farthest = std::max({farthest, std::fabs(plan.parts[3 * i]), std::fabs(plan.parts[3 * i + 1])});
+    return farthest;
+}
+
+const CoarseMap& map_of_layer(const CoarseMap* maps, int count, int layer) {
+    return *std::find_if(maps, maps + count, [&](const CoarseMap& map) { return map.layer == layer; });
+}
+
 LayerMaps::LayerMaps(const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan)
     : samples_(samples),
       blocks_(blocks),
       plan_(plan),
       index_(samples, blocks.extents, blocks.block),
       lookup_(plan.boundaries, plan.layer_count - 1),
-      part_reach_(0),
+      part_reach_(farthest_part(plan) + static_cast<float>(taps_reach * std::sqrt(plan.part_variance))),
       color_(std::size_t{hit_channels} * batch_size, 1.0f),  // the count of a sample stays 1
       key_(batch_size),
       bins_(batch_size) {
     for (auto* field : {&depth_, &slope_, &x_, &y_, &u_, &v_, &c_, &right_, &down_}) field->resize(batch_size);
     for (auto* field : {&xy_, &uv_}) field->resize(2 * batch_size);
     rgb_.resize(3 * batch_size);
-    for (int i = 0; i < plan.part_count; ++i)
-        part_reach_ = std::max({part_reach_, std::fabs(plan.parts[3 * i]), std::fabs(plan.parts[3 * i + 1])});
-    part_reach_ += static_cast<float>(taps_reach * std::sqrt(plan.part_variance));
 }
 
 std::vector<LayerTarget> LayerMaps::layers_near(const Rectangle& pixels, int first_level, int last_level) const {
@@ -236,17 +233,25 @@ std::vector<LayerTarget> LayerMaps::layers_near(const Rectangle& pixels, int fir
         target.extent = extents[layer].grown(target.reach);
         target.near = level < 0;
         target.cell = level > 0 ? static_cast<float>(1 << level) : 1.0f;
-        const double slope2 = double{target.slope} * target.slope;
-        double variance = plan_.pixel_variance + slope2 * (target.near ? plan_.aperture_variance : plan_.part_variance);
-        if (level > 0)
-            variance = (variance - plan_.interpolation) / (double{target.cell} * target.cell) - magnified_variance;
-        if (level > 0) variance -= bin_variance;  // hits are shared between bins
-        if (level == 0) variance -= plan_.interpolation;
-        if (target.near) variance *= near_bins * near_bins;
-        target.blur_variance = std::max(variance - bin_variance, 0.0);
+        target.blur_variance = blur_variance(target);
         targets.push_back(std::move(target));
     }
     return targets;
+}
+
+// Wanted is the pixel filter's variance and that of the aperture, or of a part of it, at the layer's slope. Bins and
+// interpolation have each a share in it already.
+double LayerMaps::blur_variance(const LayerTarget& target) const {
+    const double slope2 = double{target.slope} * target.slope;
+    double variance = plan_.pixel_variance + slope2 * (target.near ? plan_.aperture_variance : plan_.part_variance);
+    if (target.near) {
+        variance *= near_bins * near_bins;
+    } else {
+        variance -= plan_.interpolation;
+        if (target.cell > 1.0f)
+            variance = variance / (double{target.cell} * target.cell) - magnified_variance - shared_variance;
+    }
+    return std::max(variance - bin_variance, 0.0);
 }
 
 void LayerMaps::filter(std::vector<LayerTarget>& targets, float left, float top, std::vector<FilteredMap>& maps) {
@@ -302,7 +307,6 @@ void LayerMaps::scatter(const std::vector<LayerTarget>& targets, float left, flo
             for (std::ptrdiff_t k = (pixel + block_column * block) * samples_.spp; k < end;) {
                 const auto count = static_cast<int>(std::min<std::ptrdiff_t>(end - k, space));
                 runs_.push_back({k, count});
-                prefetch(k + std::ptrdiff_t{samples_.width} * samples_.spp * 4, count);
                 k += count;
                 space -= count;
                 if (space == 0) flush();
@@ -310,20 +314,6 @@ void LayerMaps::scatter(const std::vector<LayerTarget>& targets, float left, flo
         }
         if (!runs_.empty()) flush();
     });
-}
-
-// Asks for samples that are needed soon: blocks are too narrow for the processor to see the pattern.
-void LayerMaps::prefetch(std::ptrdiff_t first, int count) const {
-    const std::ptrdiff_t total = std::ptrdiff_t{samples_.height} * samples_.width * samples_.spp;
-    if (first + count > total) return;
-    constexpr int line = 64 / sizeof(float);
-    const auto ask = [](const float* begin, std::ptrdiff_t floats) {
-        for (std::ptrdiff_t i = 0; i < floats; i += line) FEWRAYS_PREFETCH(begin + i);
-    };
-    ask(samples_.depth + first, count);
-    ask(samples_.xy + 2 * first, 2 * count);
-    ask(samples_.uv + 2 * first, 2 * count);
-    ask(samples_.color + 3 * first, 3 * count);
 }
 
 // Sorts a batch by key. Samples in front of all targets are left out: they say nothing about them. The batch's halves
@@ -338,7 +328,8 @@ void LayerMaps::sort_batch(int target_count, float left, float top) {
                     3 * sizeof(float) * static_cast<std::size_t>(run.count));
         n += run.count;
     }
-    find_keys(depth_.data(), n, samples_.c0, samples_.c1, lookup_, key_of_layer_.data(), slope_.data(), key_.data());
+    lookup_.run(depth_.data(), n, samples_.c0, samples_.c1, slope_.data(), key_.data());
+    for (int i = 0; i < n; ++i) key_[i] = key_of_layer_[key_[i]];
 
     const int keys = 2 * target_count + 1, half = n / 2;
     start_.assign(keys + 1, 0);
@@ -392,11 +383,9 @@ void LayerMaps::scatter_batch(const std::vector<LayerTarget>& targets, const std
         if (!wanted[i]) continue;
         const LayerTarget& target = targets[i];
         const auto around = static_cast<float>(target.margin) * target.cell;
-        const BinGrid grid{target.left - around, target.top - around,
-                           1.0f / target.cell,   target.bins_per_cell,
-                           target.segment,       target.rows + 2 * target.margin,
-                           target.segment,       target.stride,
-                           target.size,          target.cell > 1.0f ? target.cell : 0.0f};
+        const BinGrid grid{target.left - around, target.top - around, 1.0f / target.cell,
+                           target.bins_per_cell, target.segment,      target.rows + 2 * target.margin,
+                           target.stride,        target.size,         target.cell > 1.0f ? target.cell : 0.0f};
         const int hit = start_[2 * i + 1], hole = start_[2 * i + 2];
         if (target.cell > 1.0f)
             share_hits(scattered_[i], grid, hit, hole - hit);

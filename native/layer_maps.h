@@ -60,9 +60,14 @@ struct Bins {
 // these is waited for.
 struct BinGrid {
     float left, top, per_pixel;
-    int bins_per_cell, columns, rows, segment, stride, size;
+    int bins_per_cell, columns, rows, stride, size;
     float hole_spread;  // in pixels
 };
+
+// Largest |u| or |v| of the centre of a part of the aperture, in lens units.
+float farthest_part(const LayeredPlan& plan);
+
+const CoarseMap& map_of_layer(const CoarseMap* maps, int count, int layer);
 
 class LayerMaps {
 public:
@@ -75,8 +80,8 @@ public:
     void filter(std::vector<LayerTarget>& targets, float left, float top, std::vector<FilteredMap>& maps);
 
 private:
+    double blur_variance(const LayerTarget& target) const;
     void scatter(const std::vector<LayerTarget>& targets, float left, float top);
-    void prefetch(std::ptrdiff_t first, int count) const;
     void sort_batch(int target_count, float left, float top);
     void place_all(int n, float left, float top, int keys);
     void scatter_batch(const std::vector<LayerTarget>& targets, const std::vector<char>& wanted);
@@ -90,7 +95,7 @@ private:
     const LayeredPlan& plan_;
     const BlockIndex index_;
     const LayerLookup lookup_;
-    float part_reach_;  // largest |u| of a part's centre, and its reach, in lens units
+    const float part_reach_;  // of the farthest part of the aperture, in lens units
 
     struct Run {
         std::ptrdiff_t first;

@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "layer_maps.h"
-#include "math/slope.h"
 #include "separable_blur.h"
 #include "simd.h"
 
@@ -143,14 +142,6 @@ FEWRAYS_CLONES void composite_near(const LayerView& view, const Shown& shown) {
     }
 }
 
-// Slopes of `n` samples, and the layers that they belong to.
-FEWRAYS_CLONES void find_layers(const float* FEWRAYS_RESTRICT depth, int n, float c0, float c1,
-                                const LayerLookup& lookup, float* FEWRAYS_RESTRICT slopes,
-                                std::int32_t* FEWRAYS_RESTRICT layers) {
-    for (int i = 0; i < n; ++i) slopes[i] = slope(depth[i], c0, c1);
-    lookup.run(slopes, n, layers);
-}
-
 // Grows the box around samples, limits their slopes, and takes samples too far outside the image from their layers.
 FEWRAYS_CLONES void survey_run(const float* FEWRAYS_RESTRICT xy, int n, float left_top, float right, float bottom,
                                std::int32_t no_layer, Extent& box, float* FEWRAYS_RESTRICT slopes,
@@ -227,7 +218,7 @@ public:
         place(row, rows, level, bin_rows, down_);
         const int first = across_.first.front(), cells = across_.first.back() + 3 - first;
         for (int& each : across_.first) each -= first;
-        map.resize(rows, (columns + columns_at_once - 1) / columns_at_once * columns_at_once);
+        map.resize(rows, whole_groups(columns));
         for (auto& line : lines_) line.resize(cells);
         between_.resize(cells);
         for (int channel = 0; channel < channel_count; ++channel) {
@@ -296,14 +287,13 @@ public:
                        const CoarseMap* coarse, int coarse_count)
         : samples_(samples),
           plan_(plan),
-          coarse_(coarse, coarse + coarse_count),
+          coarse_(coarse),
+          coarse_count_(coarse_count),
           layer_maps_(samples, blocks, plan),
-          width_((plan.tile + columns_at_once - 1) / columns_at_once * columns_at_once),
+          width_(whole_groups(plan.tile)),
+          offset_(farthest_part(plan)),
           transmittance_(std::size_t{3} * patch_area),
-          sums_(std::size_t{4} * plan.tile * width_) {
-        for (int i = 0; i < plan.part_count; ++i)
-            offset_ = std::max({offset_, std::fabs(plan.parts[3 * i]), std::fabs(plan.parts[3 * i + 1])});
-    }
+          sums_(std::size_t{4} * plan.tile * width_) {}
 
     void run(int tile, const LayeredOutput& output) {
         const int tile_columns = (samples_.width + plan_.tile - 1) / plan_.tile;
@@ -410,7 +400,7 @@ private:
 
     // False if the layer is transparent all over the place.
     bool magnify_coarse(const TileLayer& layer, PlacedMap& place, int left, int top) {
-        const CoarseMap& coarse = coarse_map(layer.layer);
+        const CoarseMap& coarse = map_of_layer(coarse_, coarse_count_, layer.layer);
         const int margin = coarse.margin << layer.level;
         if (!shrink(coarse, layer.level, top + margin, left + margin, place)) return false;
         FilteredMap& map = next_magnified();
@@ -474,10 +464,6 @@ private:
         place.map = &map;
     }
 
-    const CoarseMap& coarse_map(int layer) const {
-        return *std::find_if(coarse_.begin(), coarse_.end(), [&](const CoarseMap& map) { return map.layer == layer; });
-    }
-
     struct Pixels {
         int top, bottom, left, right;
     };
@@ -520,7 +506,7 @@ private:
         int right = std::min(offset + std::min(span.end, place.columns - beyond), patch.right);
         if (left >= right || top >= bottom) return;
         // Whole groups of columns where there is room: the layer is transparent beyond its span.
-        const int columns = (right - left + columns_at_once - 1) / columns_at_once * columns_at_once;
+        const int columns = whole_groups(right - left);
         if (left + columns <= std::min(patch.right, offset + map.stride - beyond))
             right = left + columns;
         else if (right - columns >= std::max(patch.left, offset))
@@ -570,8 +556,7 @@ private:
                     output.image[3 * pixel + channel] = scale * sums_[(channel + 1) * plane + at];
                 for (std::size_t layer = 0; output.contributions && layer < layers_.size(); ++layer) {
                     const float* const sums = &layer_sums_[layer * sums_.size()];
-                    float* const target =
-                        output.contributions + (pixel * output.slots + output.slot_of_layer[layers_[layer].layer]) * 4;
+                    float* const target = output.contributions + (pixel * plan_.layer_count + layers_[layer].layer) * 4;
                     for (int channel = 0; channel < 3; ++channel)
                         target[channel] = scale * sums[(channel + 1) * plane + at];
                     target[3] = scale * sums[at];
@@ -581,11 +566,12 @@ private:
 
     const Samples& samples_;
     const LayeredPlan& plan_;
-    const std::vector<CoarseMap> coarse_;
+    const CoarseMap* const coarse_;
+    const int coarse_count_;
     LayerMaps layer_maps_;
     Magnifier magnifier_;
-    const int width_;   // of a tile's row in memory
-    float offset_ = 0;  // of the farthest part of the aperture, in lens units
+    const int width_;     // of a tile's row in memory
+    const float offset_;  // of the farthest part of the aperture, in lens units
 
     std::vector<TileLayer> layers_;
     std::vector<LayerTarget> targets_;
@@ -627,7 +613,7 @@ void block_layers(const Samples& samples, const LayeredPlan& plan, float margin,
             const auto n = static_cast<int>((row + j_end) * samples.spp - begin);
             slopes.resize(n);
             layers.resize(n);
-            find_layers(samples.depth + begin, n, samples.c0, samples.c1, lookup, slopes.data(), layers.data());
+            lookup.run(samples.depth + begin, n, samples.c0, samples.c1, slopes.data(), layers.data());
             survey_run(samples.xy + 2 * begin, n, -margin, right, bottom, plan.layer_count, box, slopes.data(),
                        layers.data());
             // Several tallies in turn, so that none is waited for.
@@ -653,9 +639,6 @@ void coarse_tiles(const Samples& samples, const BlockLayers& blocks, const Layer
                   int map_count, int first_level, int last_level, int first, int last) {
     LayerMaps layer_maps(samples, blocks, plan);
     std::vector<FilteredMap> filtered;
-    const auto map_of = [&](int layer) -> const CoarseMap& {
-        return *std::find_if(maps, maps + map_count, [&](const CoarseMap& map) { return map.layer == layer; });
-    };
     const int level = plan.levels[maps[0].layer], side = maps[0].tile << level, margin = maps[0].margin << level;
     for (int tile = first; tile < last; ++tile) {
         const int left = side * (tile % maps[0].columns) - margin, top = side * (tile / maps[0].columns) - margin;
@@ -672,7 +655,7 @@ void coarse_tiles(const Samples& samples, const BlockLayers& blocks, const Layer
         layer_maps.filter(targets, x, y, filtered);
         for (std::size_t i = 0; i < targets.size(); ++i) {
             const LayerTarget& target = targets[i];
-            const CoarseMap& map = map_of(target.layer);
+            const CoarseMap& map = map_of_layer(maps, map_count, target.layer);
             const std::ptrdiff_t area = std::ptrdiff_t{map.tile} * map.tile;
             float* const out = map.values + tile * channel_count * area +
                                static_cast<std::ptrdiff_t>(target.top / target.cell) * map.tile +

@@ -51,9 +51,7 @@ struct CoarseMap {
 struct LayeredOutput {
     float* image;          // (H, W, 3)
     std::int32_t* counts;  // (tiles): active layers
-    float* contributions;  // (H, W, slots, 4): each layer's part of the image, radiance and opacity; or null
-    const std::int32_t* slot_of_layer;  // (layer_count)
-    int slots;
+    float* contributions;  // (H, W, layer_count, 4): each layer's part of the image, radiance and opacity; or null
 };
 
 constexpr float max_slope = 32768.0f;  // pixels; beyond, a sample's light is spread over far more than any image

@@ -101,7 +101,7 @@ public:
           index_(samples, extents, block),
           block_(block),
           plan_(plan),
-          width_(round_up(plan.tile)),
+          width_(whole_groups(plan.tile)),
           pixels_(plan.tile * width_),
           bins_{plan.tile + 2 * plan.ring, width_ + 2 * plan.ring},
           taps_(2 * plan.ring + 1),
@@ -135,7 +135,6 @@ public:
 private:
     enum Channel { red, green, blue, hits, total, channels };
 
-    static int round_up(int n) { return (n + columns_at_once - 1) / columns_at_once * columns_at_once; }
     float* sum(int channel) { return sums_.data() + std::ptrdiff_t{channel} * pixels_; }
 
     // Calls visit(index) for every sample in the rectangle, always in the same order.

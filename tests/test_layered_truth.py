@@ -178,10 +178,7 @@ class TestAnyBlurRadius:
         slabs = replace(plan.slabs, levels=np.minimum(plan.slabs.levels, 0))
         image = np.zeros((samples.height, samples.width, 3), np.float32)
         counts = np.zeros(plan.tile_count, np.int32)
-        slots = np.arange(slabs.count, dtype=np.int32)
-        numpy_twin.reconstruct_tiles(
-            samples, replace(plan, slabs=slabs), image, counts, slots, None, Execution()
-        )
+        numpy_twin.reconstruct_tiles(samples, replace(plan, slabs=slabs), image, counts, None, Execution())
         return image
 
     @pytest.mark.parametrize("spp", [2, 8])

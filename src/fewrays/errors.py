@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["SampleError", "first_index"]
+__all__ = ["SampleError", "first_index", "require_option"]
 
 
 class SampleError(ValueError):
@@ -37,3 +37,9 @@ class SampleError(ValueError):
 def first_index(mask: npt.NDArray[np.bool_]) -> tuple[int, ...]:
     """Return the index of the first true value of a mask that has one."""
     return tuple(int(i) for i in np.unravel_index(int(np.argmax(mask)), mask.shape))
+
+
+def require_option(name: str, value: object, accepted: bool, allowed: str) -> None:
+    """Raise a `SampleError` that names an option, its value and what is allowed, unless it is accepted."""
+    if not accepted:
+        raise SampleError(f"expected a value {allowed}, got {value!r}", field=name)

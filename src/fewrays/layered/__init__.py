@@ -9,12 +9,11 @@ as the paper has it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from fewrays.errors import SampleError
+from fewrays.errors import require_option
 from fewrays.layered import kernel, reference
 from fewrays.layered.plan import Plan
 from fewrays.method import Method, Reconstruction
@@ -40,48 +39,23 @@ class LayeredOptions:
     """Side of a tile in pixels; a matter of speed."""
 
     def __post_init__(self) -> None:
-        _require("sigma_pix", self.sigma_pix, 0.0 < self.sigma_pix <= 4.0, "in (0, 4] px")
-        _require("layer_spacing", self.layer_spacing, 0.05 <= self.layer_spacing <= 1.0, "from 0.05 to 1")
-        _require("aperture_parts", self.aperture_parts, 1 <= self.aperture_parts <= 5, "from 1 to 5")
-        _require("tile", self.tile, 16 <= self.tile <= 256, "from 16 to 256 px")
-
-
-def _require(name: str, value: object, accepted: bool, allowed: str) -> None:
-    if not accepted:
-        raise SampleError(f"expected a value {allowed}, got {value!r}", field=name)
+        require_option("sigma_pix", self.sigma_pix, 0.0 < self.sigma_pix <= 4.0, "in (0, 4] px")
+        require_option(
+            "layer_spacing", self.layer_spacing, 0.05 <= self.layer_spacing <= 1.0, "from 0.05 to 1"
+        )
+        require_option("aperture_parts", self.aperture_parts, 1 <= self.aperture_parts <= 5, "from 1 to 5")
+        require_option("tile", self.tile, 16 <= self.tile <= 256, "from 16 to 256 px")
 
 
 def _run(samples: SampleBuffer, options: LayeredOptions, execution: Execution) -> Reconstruction:
-    plan = Plan.for_samples(
-        samples,
-        sigma_pix=options.sigma_pix,
-        layer_spacing=options.layer_spacing,
-        aperture_parts=options.aperture_parts,
-        tile=options.tile,
-    )
+    plan = Plan.for_samples(samples, **asdict(options))
     shape = (samples.height, samples.width)
     image = np.zeros((*shape, 3), np.float32)
     counts = np.zeros(plan.tile_count, np.int32)
-    slots = np.arange(plan.slabs.count, dtype=np.int32)
     contributions = np.zeros((*shape, plan.slabs.count, 4), np.float32) if execution.aovs else None
     engine = reference if execution.device == "reference" else kernel
-    engine.reconstruct_tiles(samples, plan, image, counts, slots, contributions, execution)
-    if contributions is None:
-        return Reconstruction(image)
-    return Reconstruction(
-        image,
-        {
-            "layer_count": _spread_over_tiles(counts, plan),
-            "layer_radiance": contributions[..., :3],
-            "layer_opacity": contributions[..., 3],
-        },
-    )
-
-
-def _spread_over_tiles(counts: npt.NDArray[np.int32], plan: Plan) -> npt.NDArray[np.float32]:
-    """Map of the number of active layers, (H, W)."""
-    blocks = counts.reshape(-1, plan.tile_columns).astype(np.float32)
-    return np.kron(blocks, np.ones((plan.tile, plan.tile), np.float32))[: plan.height, : plan.width]
+    engine.reconstruct_tiles(samples, plan, image, counts, contributions, execution)
+    return plan.reconstruction(image, counts, contributions)
 
 
 METHOD = Method(

@@ -9,13 +9,11 @@ import numpy.typing as npt
 
 from fewrays import _native
 from fewrays.layered.plan import DEEPEST_TILE_LEVEL, FULL_WEIGHT, SEEN, Plan
+from fewrays.native_view import view_samples
 from fewrays.parallel import Execution, map_ranges, usable_cores
 from fewrays.samples import SampleBuffer
 
 __all__ = ["reconstruct_tiles"]
-
-_FINEST_BLOCK = 8  # side of the blocks of pixels that are surveyed, in pixels
-_SURVEY_BYTES = 2**25  # what the survey of an image may take; larger images get larger blocks
 
 
 def reconstruct_tiles(
@@ -23,14 +21,11 @@ def reconstruct_tiles(
     plan: Plan,
     image: npt.NDArray[np.float32],
     counts: npt.NDArray[np.int32],
-    slots: npt.NDArray[np.int32],
     contributions: npt.NDArray[np.float32] | None,
     execution: Execution,
 ) -> None:
     """Fill in the image, the number of layers of each tile and, if asked for, what each layer contributes."""
-    view = _native.Samples(
-        samples.xy, samples.uv, samples.depth, samples.color, samples.lens.c0, samples.lens.c1
-    )
+    view = view_samples(samples)
     native_plan = _native.LayeredPlan(
         tile=plan.tile,
         boundaries=plan.slabs.boundaries,
@@ -50,21 +45,13 @@ def reconstruct_tiles(
     threads = execution.threads or usable_cores()
     map_ranges(
         lambda first, last: _native.layered_tiles(
-            view, blocks, native_plan, maps, first, last, image, counts, slots, contributions
+            view, blocks, native_plan, maps, first, last, image, counts, contributions
         ),
         plan.tile_count,
         execution,
         label="layered",
         chunk=min(max(plan.tile_count // (4 * threads), 1), 16),
     )
-
-
-def block_size(plan: Plan) -> int:
-    """Side of the blocks that the survey looks at, in pixels."""
-    block = _FINEST_BLOCK
-    while plan.height * plan.width * plan.slabs.count * 8 > _SURVEY_BYTES * block**2:
-        block *= 2
-    return block
 
 
 def _survey(
@@ -74,15 +61,14 @@ def _survey(
     execution: Execution,
 ) -> _native.BlockLayers:
     """Find out which layers every block of pixels has, and where its samples lie."""
-    block = block_size(plan)
+    block = plan.survey_block
     shape = (-(-plan.height // block), -(-plan.width // block))
     extents = np.empty((*shape, 4), np.float32)
     counts = np.zeros((*shape, plan.slabs.count), np.int32)
     slope_sums = np.zeros((*shape, plan.slabs.count), np.float32)
-    margin = 4 * float(plan.slabs.reaches.max()) + 64.0  # no sample farther out reaches the image
     map_ranges(
         lambda first, last: _native.block_layers(
-            view, native_plan, margin, first, last, block, extents, counts, slope_sums
+            view, native_plan, plan.survey_margin, first, last, block, extents, counts, slope_sums
         ),
         shape[0],
         execution,

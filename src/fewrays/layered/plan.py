@@ -9,6 +9,7 @@ import numpy as np
 from fewrays.layered.aperture import ApertureParts, aperture_variance
 from fewrays.layered.slabs import Slabs
 from fewrays.samples import SampleBuffer
+from fewrays.tiling import Tiling
 
 __all__ = [
     "DEEPEST_TILE_LEVEL",
@@ -39,17 +40,20 @@ FULL_WEIGHT = 3 / 8
 SEEN = 1 / 8
 """Share of the expected samples from which on a bin is certainly not hidden."""
 
+_FINEST_BLOCK = 8  # side of the blocks of pixels that are surveyed, in pixels
+_SURVEY_BYTES = 2**25  # what the survey of an image may take
 
-@dataclass(frozen=True)
-class Plan:
+
+@dataclass(frozen=True, kw_only=True)
+class Plan(Tiling):
     """Everything that a tile needs to know besides the samples.
 
     Parameters
     ----------
-    height, width, spp : int
-        Size of the image in pixels, samples per pixel.
-    tile : int
-        Side of a tile of the image in pixels.
+    height, width, tile
+        See `Tiling`.
+    spp : int
+        Samples per pixel.
     slabs : Slabs
         The depth layers.
     pixel_variance : float
@@ -60,10 +64,7 @@ class Plan:
         The parts of the aperture.
     """
 
-    height: int
-    width: int
     spp: int
-    tile: int
     slabs: Slabs
     pixel_variance: float
     aperture_variance: float
@@ -93,14 +94,14 @@ class Plan:
             part_sigma=aperture.sigma,
         )
         return cls(
-            samples.height,
-            samples.width,
-            samples.spp,
-            tile,
-            slabs,
-            sigma_pix**2,
-            variance,
-            aperture,
+            height=samples.height,
+            width=samples.width,
+            tile=tile,
+            spp=samples.spp,
+            slabs=slabs,
+            pixel_variance=sigma_pix**2,
+            aperture_variance=variance,
+            aperture=aperture,
         )
 
     @property
@@ -113,14 +114,17 @@ class Plan:
         return (1 - self.aperture.central_weight) / 6
 
     @property
-    def tile_columns(self) -> int:
-        """Tiles in a row of tiles."""
-        return -(-self.width // self.tile)
+    def survey_block(self) -> int:
+        """Side of the blocks of pixels that are surveyed, in pixels; larger for images of very many."""
+        block = _FINEST_BLOCK
+        while self.height * self.width * self.slabs.count * 8 > _SURVEY_BYTES * block**2:
+            block *= 2
+        return block
 
     @property
-    def tile_count(self) -> int:
-        """Number of tiles."""
-        return self.tile_columns * -(-self.height // self.tile)
+    def survey_margin(self) -> float:
+        """Pixels around the image beyond which no sample can reach it."""
+        return 4 * float(self.slabs.reaches.max()) + 64.0
 
     def coarse_passes(self) -> list[CoarsePass]:
         """How the layers beyond `DEEPEST_TILE_LEVEL` are filtered: two levels at a time, or more.

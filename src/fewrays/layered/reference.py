@@ -31,7 +31,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from fewrays.layered.kernel import block_size
 from fewrays.layered.plan import DEEPEST_TILE_LEVEL, FULL_WEIGHT, MAX_SLOPE, SEEN, Plan
 from fewrays.layered.slabs import NEAR
 from fewrays.layered.taps import TAPS_REACH, gaussian_taps, taps_radius
@@ -75,7 +74,6 @@ def reconstruct_tiles(
     plan: Plan,
     image: npt.NDArray[np.float32],
     counts: npt.NDArray[np.int32],
-    slots: npt.NDArray[np.int32],
     contributions: npt.NDArray[np.float32] | None,
     execution: Execution,
 ) -> None:
@@ -92,9 +90,7 @@ def reconstruct_tiles(
     counts : ndarray, (tiles,)
         Receives the number of layers that have samples close enough to matter to each tile; the kernels leave
         out some that turn out not to show.
-    slots : ndarray, (layers,)
-        Where in `contributions` a layer goes.
-    contributions : ndarray, (H, W, slots, 4), or None
+    contributions : ndarray, (H, W, layers, 4), or None
         Receives each layer's part of the image: radiance, and opacity.
     execution : Execution
         For its progress bar.
@@ -104,7 +100,8 @@ def reconstruct_tiles(
     coarse = _coarse_maps(flat, survey, plan)
     with progress_bar(plan.tile_count, "layered", show=execution.progress, unit="tile") as bar:
         for tile in range(plan.tile_count):
-            pixels = _pixels_of_tile(plan, tile)
+            row, column, rows, columns = plan.tile_rectangle(tile)
+            pixels = np.s_[row : row + rows, column : column + columns]
             layers, sums = _reconstruct_tile(flat, survey, coarse, plan, tile)
             total = sums.sum(axis=0)
             scale = 1 / np.where(total[0] > MIN_OPACITY, total[0], 1.0)
@@ -112,9 +109,7 @@ def reconstruct_tiles(
             counts[tile] = len(layers)
             if contributions is not None:
                 for layer, part in zip(layers, sums, strict=True):
-                    contributions[(*pixels, slots[layer.index])] = np.moveaxis(
-                        scale * part[[1, 2, 3, 0]], 0, -1
-                    )
+                    contributions[(*pixels, layer.index)] = np.moveaxis(scale * part[[1, 2, 3, 0]], 0, -1)
             bar.update()
 
 
@@ -165,11 +160,11 @@ class _Window:
 
 def _flatten(samples: SampleBuffer, plan: Plan) -> _Flat:
     """Leave out samples too far outside the image to reach it, such as the dropped ones."""
-    margin = 4 * float(plan.slabs.reaches.max()) + 64.0
+    margin = plan.survey_margin
     xy = samples.xy.reshape(-1, 2).astype(np.float64)
     kept = ((xy >= -margin) & (xy <= np.array([plan.width, plan.height]) + margin)).all(axis=-1)
     slope = samples.lens.slope(samples.depth).astype(np.float32).ravel()[kept]
-    side = block_size(plan)
+    side = plan.survey_block
     row, column, _ = np.indices(samples.depth.shape) // side
     return _Flat(
         xy=xy[kept],
@@ -183,7 +178,7 @@ def _flatten(samples: SampleBuffer, plan: Plan) -> _Flat:
 
 def _survey(samples: _Flat, plan: Plan) -> _Survey:
     """Find out which layers every block of pixels has, and where its samples lie."""
-    side = block_size(plan)
+    side = plan.survey_block
     blocks = -(-plan.height // side) * -(-plan.width // side)
     low, high = np.full((blocks, 2), np.inf), np.full((blocks, 2), -np.inf)
     np.minimum.at(low, samples.block, samples.xy)
@@ -382,20 +377,14 @@ def _coarse_maps(samples: _Flat, survey: _Survey, plan: Plan) -> dict[int, _Map]
 # A tile of the image.
 
 
-def _pixels_of_tile(plan: Plan, tile: int) -> tuple[slice, slice]:
-    """Rows and columns of a tile; at the image's right and bottom they may be fewer than elsewhere."""
-    row, column = (index * plan.tile for index in divmod(tile, plan.tile_columns))
-    return slice(row, min(row + plan.tile, plan.height)), slice(column, min(column + plan.tile, plan.width))
-
-
 def _reconstruct_tile(
     samples: _Flat, survey: _Survey, coarse: dict[int, _Map], plan: Plan, tile: int
 ) -> tuple[list[_Layer], Float64]:
     """Layers of a tile, and what each adds to it: opacity and radiance, ``(layers, 4, rows, columns)``."""
-    rows, columns = _pixels_of_tile(plan, tile)
-    shape = (rows.stop - rows.start, columns.stop - columns.start)
-    whole = _Window(columns.start, rows.start, 1.0, plan.tile, plan.tile)
-    visible = replace(whole, rows=shape[0], columns=shape[1])
+    row, column, rows, columns = plan.tile_rectangle(tile)
+    shape = (rows, columns)
+    whole = _Window(column, row, 1.0, plan.tile, plan.tile)
+    visible = replace(whole, rows=rows, columns=columns)
     farthest_part = float(np.abs(plan.aperture.parts[:, :2]).max())
     layers, maps = [], []
     for layer in _layers_near(survey, plan, whole, range(NEAR, 100)):

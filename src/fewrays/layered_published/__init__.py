@@ -14,9 +14,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from fewrays.errors import SampleError
+from fewrays.errors import require_option
 from fewrays.layered_published import kernel, reference
 from fewrays.layered_published.filters import FilterRule
 from fewrays.layered_published.partitions import Partitions
@@ -52,26 +51,26 @@ class PublishedOptions:
     """Largest number of layers in a tile: neighbouring layers are joined beyond it. No limit by default."""
 
     def __post_init__(self) -> None:
-        _require("sigma_pix", self.sigma_pix, 0.01 <= self.sigma_pix <= 4.0, "from 0.01 to 4 px")
-        _require("partitions", self.partitions, 1 <= self.partitions <= 100, "from 1 to 100")
-        _require(
+        require_option("sigma_pix", self.sigma_pix, 0.01 <= self.sigma_pix <= 4.0, "from 0.01 to 4 px")
+        require_option("partitions", self.partitions, 1 <= self.partitions <= 100, "from 1 to 100")
+        require_option(
             "partition_sigma_x",
             self.partition_sigma_x,
             1 <= self.partition_sigma_x <= 256,
             "from 1 to 256 px",
         )
-        _require("bin_size", self.bin_size, 0.01 <= self.bin_size <= 8.0, "from 0.01 to 8 px")
-        _require("tile", self.tile, 4 <= self.tile <= 256, "from 4 to 256 px")
-        _require("ring", self.ring, 1 <= self.ring <= 256, "from 1 to 256 px")
+        require_option("bin_size", self.bin_size, 0.01 <= self.bin_size <= 8.0, "from 0.01 to 8 px")
+        require_option("tile", self.tile, 4 <= self.tile <= 256, "from 4 to 256 px")
+        require_option("ring", self.ring, 1 <= self.ring <= 256, "from 1 to 256 px")
         limit = self.ring / 2
-        _require(
+        require_option(
             "max_sigma_x",
             self.max_sigma_x,
             0.0 < self.max_sigma_x <= limit,
             f"in (0, ring / 2 = {limit:g}] px",
         )
         if self.max_layers is not None:
-            _require("max_layers", self.max_layers, self.max_layers >= 1, "at least 1")
+            require_option("max_layers", self.max_layers, self.max_layers >= 1, "at least 1")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,12 +82,7 @@ class LayeredAxisAlignedOptions(PublishedOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _require("k", self.k, 0.1 <= self.k <= 100, "from 0.1 to 100")
-
-
-def _require(name: str, value: object, accepted: bool, allowed: str) -> None:
-    if not accepted:
-        raise SampleError(f"expected a value {allowed}, got {value!r}", field=name)
+        require_option("k", self.k, 0.1 <= self.k <= 100, "from 0.1 to 100")
 
 
 def _run_sheared(samples: SampleBuffer, options: PublishedOptions, execution: Execution) -> Reconstruction:
@@ -132,16 +126,7 @@ def _run(
     else:
         kernel.reconstruct_tiles(samples, plan, image, counts, layer_images, execution)
 
-    if layer_images is None:
-        return Reconstruction(image)
-    return Reconstruction(
-        image,
-        {
-            "layer_count": _spread_over_tiles(counts, plan),
-            "layer_radiance": layer_images[..., :3],
-            "layer_opacity": layer_images[..., 3],
-        },
-    )
+    return plan.reconstruction(image, counts, layer_images)
 
 
 def _plan(samples: SampleBuffer, options: PublishedOptions, rule: FilterRule, *, with_slots: bool) -> Plan:
@@ -167,12 +152,6 @@ def _plan(samples: SampleBuffer, options: PublishedOptions, rule: FilterRule, *,
         max_layers=options.max_layers,
         slots=slots,
     )
-
-
-def _spread_over_tiles(counts: npt.NDArray[np.int32], plan: Plan) -> npt.NDArray[np.float32]:
-    """Map of the number of active layers, (H, W)."""
-    blocks = counts.reshape(-1, plan.tile_columns).astype(np.float32)
-    return np.kron(blocks, np.ones((plan.tile, plan.tile), np.float32))[: plan.height, : plan.width]
 
 
 METHOD = Method(

@@ -8,6 +8,7 @@ import numpy.typing as npt
 from fewrays import _native
 from fewrays.layered_published.filters import FilterRule
 from fewrays.layered_published.plan import Plan
+from fewrays.native_view import view_samples
 from fewrays.parallel import Execution, map_ranges
 from fewrays.samples import SampleBuffer
 
@@ -25,9 +26,7 @@ def reconstruct_tiles(
     execution: Execution,
 ) -> None:
     """Reconstruct all tiles into `image`, the number of layers into `counts` and the layers if asked for."""
-    view = _native.Samples(
-        samples.xy, samples.uv, samples.depth, samples.color, samples.lens.c0, samples.lens.c1
-    )
+    view = view_samples(samples)
     extents = np.empty((-(-plan.height // _BLOCK), -(-plan.width // _BLOCK), 4), np.float32)
     map_ranges(
         lambda first, last: _native.block_extents(view, _BLOCK, float(plan.ring), first, last, extents),
