@@ -139,6 +139,11 @@ FEWRAYS_CLONES void scale_known(float* values, std::ptrdiff_t plane, float scale
 
 }  // namespace
 
+void Bins::clear(std::size_t new_count) {
+    count = new_count;
+    values.assign((1 + hit_channels) * count, 0.0f);
+}
+
 bool LayerTarget::want(float grid_left, float grid_top, int grid_rows, int grid_columns, float origin_x,
                        float origin_y) {
     // Hits of coarse layers are shared with the next bins, and splines read bins on all sides.
@@ -254,17 +259,16 @@ double LayerMaps::blur_variance(const LayerTarget& target) const {
     return std::max(variance - bin_variance, 0.0);
 }
 
-void LayerMaps::filter(std::vector<LayerTarget>& targets, float left, float top, std::vector<FilteredMap>& maps) {
+std::vector<FilteredMap> LayerMaps::filter(std::vector<LayerTarget>& targets, float left, float top) {
     scattered_.resize(std::max(scattered_.size(), targets.size()));
     for (std::size_t i = 0; i < targets.size(); ++i) {
         targets[i].lay_out();
-        const auto bins = static_cast<std::size_t>(targets[i].size) + stray_bins;
-        scattered_[i].hits.assign(hit_channels * bins, 0.0f);
-        scattered_[i].holes.assign(bins, 0.0f);
+        scattered_[i].clear(static_cast<std::size_t>(targets[i].size) + stray_bins);
     }
     scatter(targets, left, top);
-    maps.resize(std::max(maps.size(), targets.size()));
-    for (std::size_t i = 0; i < targets.size(); ++i) blur(targets[i], scattered_[i], maps[i]);
+    std::vector<FilteredMap> maps;
+    for (std::size_t i = 0; i < targets.size(); ++i) maps.push_back(blur(targets[i], scattered_[i]));
+    return maps;
 }
 
 // Visits every block that may matter to a target, a batch of samples at a time.
@@ -392,7 +396,7 @@ void LayerMaps::scatter_batch(const std::vector<LayerTarget>& targets, const std
         else
             add_hits(scattered_[i], grid, hit, hole - hit);
         hole_bins(&x_[hole], &y_[hole], &u_[hole], &v_[hole], target.slope, end - hole, grid, bins_.data());
-        float* const holes = scattered_[i].holes.data();
+        float* const holes = scattered_[i].holes();
         for (int k = 0; k < end - hole; ++k) holes[bins[k]] += 1.0f;
     }
 }
@@ -401,7 +405,7 @@ void LayerMaps::add_hits(Bins& to, const BinGrid& grid, int first, int n) {
     hit_bins(&x_[first], &y_[first], &u_[first], &v_[first], &c_[first], n, grid, bins_.data());
     const float* const color = &color_[std::size_t{hit_channels} * first];
     const std::int32_t* const bins = bins_.data();
-    float* const hits = to.hits.data();
+    float* const hits = to.hits();
     for (int k = 0; k < n; ++k)
         for (int channel = 0; channel < hit_channels; ++channel)
             hits[hit_channels * bins[k] + channel] += color[hit_channels * k + channel];
@@ -412,9 +416,10 @@ void LayerMaps::share_hits(Bins& to, const BinGrid& grid, int first, int n) {
                 down_.data());
     const float* const color = &color_[std::size_t{hit_channels} * first];
     const std::ptrdiff_t line = std::ptrdiff_t{hit_channels} * grid.stride;
+    float* const hits = to.hits();
     for (int k = 0; k < n; ++k) {
         if (bins_[k] == grid.size) continue;
-        float* const corner = &to.hits[std::size_t{hit_channels} * bins_[k]];
+        float* const corner = hits + std::ptrdiff_t{hit_channels} * bins_[k];
         const float right = right_[k], down = down_[k];
         const float weights[2][2] = {{(1 - right) * (1 - down), right * (1 - down)},
                                      {(1 - right) * down, right * down}};
@@ -427,15 +432,15 @@ void LayerMaps::share_hits(Bins& to, const BinGrid& grid, int first, int n) {
 }
 
 // The columns first, while radiance and count of a bin still lie side by side; then, on the few rows that are left,
-// the rows.
-void LayerMaps::blur(const LayerTarget& target, Bins& from, FilteredMap& map) {
+// the rows. The map comes to lie where the bins were, as soon as these are not needed any more.
+FilteredMap LayerMaps::blur(const LayerTarget& target, Bins& bins) {
     if (target.near) {
-        count_all(from.hits.data(), from.holes.data(), target.size);
+        count_all(bins.hits(), bins.holes(), target.size);
     } else {
         seen_.resize(target.size);
         const float samples = static_cast<float>(samples_.spp) * target.cell * target.cell;
-        weigh_by_place(from.hits.data(), from.holes.data(), seen_.data(), target.size,
-                       1 / (plan_.full_weight * samples), 1 / (plan_.seen * samples));
+        weigh_by_place(bins.hits(), bins.holes(), seen_.data(), target.size, 1 / (plan_.full_weight * samples),
+                       1 / (plan_.seen * samples));
     }
     make_taps(target);
     const int tap_count = 2 * target.radius + 1;
@@ -444,23 +449,23 @@ void LayerMaps::blur(const LayerTarget& target, Bins& from, FilteredMap& map) {
     columns_blurred_.resize(std::size_t{hit_channels} * plane + columns_at_once);
     planes_.resize(std::size_t{hit_channels} * plane + columns_at_once);
     weight_.resize(std::size_t(target.rows) * target.width);
-    map.resize(target.rows, target.width);
+    const FilteredMap map{bins.values.data(), target.rows, target.width};
 
     for (int k = 0; k < tap_count; ++k) tap_rows_[k] = k * line;
-    const auto blur_plane = [&](const std::vector<float>& bins, float* out) {
-        blur_pass(&bins[first * line], target.bins_per_cell * line, planes_.data(), target.rows, static_cast<int>(line),
-                  taps_.data(), tap_rows_.data(), tap_count);
+    const auto blur_plane = [&](const float* plane_of_bins, float* out) {
+        blur_pass(plane_of_bins + first * line, target.bins_per_cell * line, planes_.data(), target.rows,
+                  static_cast<int>(line), taps_.data(), tap_rows_.data(), tap_count);
         blur_pass(planes_.data(), line, out, target.rows, target.width, taps_.data(), tap_columns_.data(), tap_count);
     };
-    blur_plane(from.holes, weight_.data());
+    blur_plane(bins.holes(), weight_.data());
     if (!target.near) {
-        blur_plane(seen_, map.channel(known));
+        blur_plane(seen_.data(), map.channel(known));
         const double expected = static_cast<double>(samples_.spp) * target.cell * target.cell;
         scale_known(map.channel(known), map.plane(), static_cast<float>(1 / (1 - std::exp(-expected))));
     }
 
     for (int k = 0; k < tap_count; ++k) tap_rows_[k] = hit_channels * k * line;
-    blur_pass(&from.hits[hit_channels * first * line], hit_channels * target.bins_per_cell * line,
+    blur_pass(bins.hits() + hit_channels * first * line, hit_channels * target.bins_per_cell * line,
               columns_blurred_.data(), target.rows, static_cast<int>(hit_channels * line), taps_.data(),
               tap_rows_.data(), tap_count);
     separate(columns_blurred_.data(), planes_.data(), plane, static_cast<int>(plane));
@@ -468,6 +473,7 @@ void LayerMaps::blur(const LayerTarget& target, Bins& from, FilteredMap& map) {
         blur_pass(planes_.data() + channel * plane, line, map.channel(opacity + channel), target.rows, target.width,
                   taps_.data(), tap_columns_.data(), tap_count);
     normalise(weight_.data(), map.channel(opacity), map.plane());
+    return map;
 }
 
 void LayerMaps::make_taps(const LayerTarget& target) {

@@ -15,17 +15,11 @@ enum Channel { known, opacity, red, green, blue, channel_count };
 
 // A layer's filtered map over a rectangle of cells: pixels, or bins of a coarse layer.
 struct FilteredMap {
-    std::vector<float> values;  // (channel_count, rows, stride)
+    float* values = nullptr;  // (channel_count, rows, stride)
     int rows = 0, stride = 0;
 
-    void resize(int new_rows, int new_stride) {
-        rows = new_rows;
-        stride = new_stride;
-        values.resize(std::size_t{channel_count} * rows * stride + 1);  // a pair of columns may begin at the last
-    }
     std::ptrdiff_t plane() const { return std::ptrdiff_t{rows} * stride; }
-    float* channel(int index) { return values.data() + index * plane(); }
-    const float* channel(int index) const { return values.data() + index * plane(); }
+    float* channel(int index) const { return values + index * plane(); }
 };
 
 // What to filter: one layer, and the bins that its samples are scattered to, relative to the caller's origin.
@@ -50,10 +44,14 @@ struct LayerTarget {
     Rectangle catchment() const;
 };
 
-// What has been scattered to the bins of a target.
+// What has been scattered to the bins of a target, and later, in its place, the filtered map.
 struct Bins {
-    std::vector<float> hits;   // (size + strays, 4): radiance and number of samples
-    std::vector<float> holes;  // (size + strays)
+    std::vector<float> values;
+    std::size_t count = 0;  // with strays
+
+    void clear(std::size_t new_count);
+    float* holes() { return values.data(); }         // (count)
+    float* hits() { return values.data() + count; }  // (count, 4): radiance and number of samples
 };
 
 // Where the bins of a target are; samples beyond them go to the stray bins after the last, in turn, so that none of
@@ -76,8 +74,8 @@ public:
     // The layers, front to back, that have samples close enough to a rectangle of pixels to matter there.
     std::vector<LayerTarget> layers_near(const Rectangle& pixels, int first_level, int last_level) const;
 
-    // Filters all targets, whose rectangles are relative to (left, top).
-    void filter(std::vector<LayerTarget>& targets, float left, float top, std::vector<FilteredMap>& maps);
+    // Filters all targets, whose rectangles are relative to (left, top). Maps last until the next call.
+    std::vector<FilteredMap> filter(std::vector<LayerTarget>& targets, float left, float top);
 
 private:
     double blur_variance(const LayerTarget& target) const;
@@ -87,7 +85,7 @@ private:
     void scatter_batch(const std::vector<LayerTarget>& targets, const std::vector<char>& wanted);
     void add_hits(Bins& to, const BinGrid& grid, int first, int n);
     void share_hits(Bins& to, const BinGrid& grid, int first, int n);
-    void blur(const LayerTarget& target, Bins& from, FilteredMap& map);
+    FilteredMap blur(const LayerTarget& target, Bins& bins);
     void make_taps(const LayerTarget& target);
 
     const Samples& samples_;

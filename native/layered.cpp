@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <deque>
 #include <limits>
 #include <vector>
 
@@ -209,16 +208,19 @@ FEWRAYS_CLONES Span occupied(const float* row, int columns) {
 // flatten every peak.
 class Magnifier {
 public:
-    // Fills `map`. The first of the `rows` x `columns` pixels lies `row` and `column` pixels from the first bin's
-    // corner; load(channel, row, first, count, out) reads some of the `bin_rows` x `bin_columns` bins.
+    // Returns a map in `memory`. The first of the `rows` x `columns` pixels lies `row` and `column` pixels from the
+    // first bin's corner; load(channel, row, first, count, out) reads some of the `bin_rows` x `bin_columns` bins.
     template <typename Load>
-    void run(int level, int row, int column, int rows, int columns, int bin_rows, int bin_columns, FilteredMap& map,
-             Load&& load) {
+    FilteredMap run(int level, int row, int column, int rows, int columns, int bin_rows, int bin_columns,
+                    std::vector<float>& memory, Load&& load) {
         place(column, columns, level, bin_columns, across_);
         place(row, rows, level, bin_rows, down_);
         const int first = across_.first.front(), cells = across_.first.back() + 3 - first;
         for (int& each : across_.first) each -= first;
-        map.resize(rows, whole_groups(columns));
+        FilteredMap map{nullptr, rows, whole_groups(columns)};
+        memory.resize(static_cast<std::size_t>(channel_count * map.plane()) +
+                      1);  // a pair of columns may begin at the last
+        map.values = memory.data();
         for (auto& line : lines_) line.resize(cells);
         between_.resize(cells);
         for (int channel = 0; channel < channel_count; ++channel) {
@@ -237,6 +239,7 @@ public:
                 std::fill(out + columns, out + map.stride, 0.0f);
             }
         }
+        return map;
     }
 
 private:
@@ -314,7 +317,7 @@ private:
     // A map and where it lies, relative to the tile, in pixels.
     struct PlacedMap {
         int left, top, rows, columns;
-        const FilteredMap* map;
+        FilteredMap map;
         std::vector<Span> spans;  // of each row, where the layer is not transparent
     };
 
@@ -351,13 +354,13 @@ private:
             }
             layers_.push_back(std::move(layer));
         }
-        layer_maps_.filter(targets_, x, y, filtered_);
+        filtered_ = layer_maps_.filter(targets_, x, y);
         for (TileLayer& layer : layers_) {
             if (layer.target >= 0) take_filtered(layer);
             for (PlacedMap& place : layer.places)
                 for (int row = 0; row < place.rows; ++row)
                     place.spans.push_back(
-                        occupied(place.map->channel(opacity) + std::ptrdiff_t{row} * place.map->stride, place.columns));
+                        occupied(place.map.channel(opacity) + std::ptrdiff_t{row} * place.map.stride, place.columns));
         }
     }
 
@@ -373,7 +376,7 @@ private:
                                 static_cast<int>(target.top) + edge,
                                 target.rows * size - 2 * edge,
                                 target.columns * size - 2 * edge,
-                                nullptr,
+                                {},
                                 {}});
         return layer.places.front().rows > 0 && layer.places.front().columns > 0;
     }
@@ -386,14 +389,14 @@ private:
                                     static_cast<int>(std::floor(-layer.slope * v)),
                                     plan_.tile + 1,
                                     plan_.tile + 1,
-                                    nullptr,
+                                    {},
                                     {}});
             PlacedMap& place = layer.places.back();
-            if (!magnify_coarse(layer, place, left, top)) place = {0, 0, 0, 0, &nothing_, {}};
+            if (!magnify_coarse(layer, place, left, top)) place = {};
         }
     }
 
-    FilteredMap& next_magnified() {
+    std::vector<float>& next_magnified() {
         if (magnified_count_ == magnified_.size()) magnified_.emplace_back();
         return magnified_[magnified_count_++];
     }
@@ -403,13 +406,11 @@ private:
         const CoarseMap& coarse = map_of_layer(coarse_, coarse_count_, layer.layer);
         const int margin = coarse.margin << layer.level;
         if (!shrink(coarse, layer.level, top + margin, left + margin, place)) return false;
-        FilteredMap& map = next_magnified();
-        magnifier_.run(layer.level, top + place.top + margin, left + place.left + margin, place.rows, place.columns,
-                       coarse.rows * coarse.tile, coarse.columns * coarse.tile, map,
-                       [&](int channel, int row, int first, int count, float* out) {
-                           load_bins(coarse, channel, row, first, count, out);
-                       });
-        place.map = &map;
+        place.map = magnifier_.run(layer.level, top + place.top + margin, left + place.left + margin, place.rows,
+                                   place.columns, coarse.rows * coarse.tile, coarse.columns * coarse.tile,
+                                   next_magnified(), [&](int channel, int row, int first, int count, float* out) {
+                                       load_bins(coarse, channel, row, first, count, out);
+                                   });
         return true;
     }
 
@@ -450,18 +451,16 @@ private:
         const FilteredMap& bins = filtered_[layer.target];
         PlacedMap& place = layer.places.front();
         if (layer.level <= 0) {
-            place.map = &bins;
+            place.map = bins;
             return;
         }
         const int size = 1 << layer.level;
-        FilteredMap& map = next_magnified();
-        magnifier_.run(layer.level, size, size, place.rows, place.columns, bins.rows, place.columns / size + 2, map,
-                       [&](int channel, int row, int first, int count, float* out) {
-                           const float* const values =
-                               bins.channel(channel) + std::ptrdiff_t{row} * bins.stride + first;
-                           std::copy(values, values + count, out);
-                       });
-        place.map = &map;
+        place.map = magnifier_.run(
+            layer.level, size, size, place.rows, place.columns, bins.rows, place.columns / size + 2, next_magnified(),
+            [&](int channel, int row, int first, int count, float* out) {
+                const float* const values = bins.channel(channel) + std::ptrdiff_t{row} * bins.stride + first;
+                std::copy(values, values + count, out);
+            });
     }
 
     struct Pixels {
@@ -490,7 +489,7 @@ private:
     // The part of the patch that the layer's map reaches, seen from (u, v).
     void composite_layer(const TileLayer& layer, const PlacedMap& place, const Pixels& patch, float u, float v,
                          float weight, float* sums) {
-        const FilteredMap& map = *place.map;
+        const FilteredMap& map = place.map;
         const int beyond = layer.near ? 0 : 1;  // cells that interpolation reads besides a pixel's own
         const float x = layer.near ? 0.0f : -layer.slope * u, y = layer.near ? 0.0f : -layer.slope * v;
         const int shift_x = static_cast<int>(std::floor(x)), shift_y = static_cast<int>(std::floor(y));
@@ -575,10 +574,9 @@ private:
 
     std::vector<TileLayer> layers_;
     std::vector<LayerTarget> targets_;
-    const FilteredMap nothing_{};
     std::vector<float> line_;
     std::vector<FilteredMap> filtered_;
-    std::deque<FilteredMap> magnified_;  // does not move what is in it
+    std::vector<std::vector<float>> magnified_;
     std::size_t magnified_count_ = 0;
     std::vector<float> transmittance_, sums_, layer_sums_;  // sums: opacity and radiance
 };
@@ -638,7 +636,6 @@ void block_layers(const Samples& samples, const LayeredPlan& plan, float margin,
 void coarse_tiles(const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan, const CoarseMap* maps,
                   int map_count, int first_level, int last_level, int first, int last) {
     LayerMaps layer_maps(samples, blocks, plan);
-    std::vector<FilteredMap> filtered;
     const int level = plan.levels[maps[0].layer], side = maps[0].tile << level, margin = maps[0].margin << level;
     for (int tile = first; tile < last; ++tile) {
         const int left = side * (tile % maps[0].columns) - margin, top = side * (tile / maps[0].columns) - margin;
@@ -652,7 +649,7 @@ void coarse_tiles(const Samples& samples, const BlockLayers& blocks, const Layer
             const int cell = static_cast<int>(target.cell);
             return !target.want(0.0f, 0.0f, (height + cell - 1) / cell, (width + cell - 1) / cell, x, y);
         });
-        layer_maps.filter(targets, x, y, filtered);
+        const std::vector<FilteredMap> filtered = layer_maps.filter(targets, x, y);
         for (std::size_t i = 0; i < targets.size(); ++i) {
             const LayerTarget& target = targets[i];
             const CoarseMap& map = map_of_layer(maps, map_count, target.layer);
