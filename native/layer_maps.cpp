@@ -11,7 +11,7 @@
 namespace fewrays {
 namespace {
 
-constexpr int batch_size = 1024;  // samples that are sorted by layer at a time
+constexpr int batch_size = 2048;  // samples that are sorted by layer at a time
 constexpr int stray_bins = 16;
 constexpr int hit_channels = 4;                 // red, green, blue, count
 constexpr int near_bins = 3;                    // per pixel
@@ -21,17 +21,22 @@ constexpr double shared_variance = 1.0 / 12.0;  // what sharing hits between bin
 constexpr float min_weight = 1e-12f;
 constexpr float tail = 4.0f;  // pixels around a layer's reach in which its samples still count
 
+// `fine`: cells have several bins.
+template <bool fine>
 FEWRAYS_INLINE std::int32_t bin_of(float x, float y, const BinGrid& grid, int i) {
-    const auto phases = static_cast<float>(grid.bins_per_cell);
     const float qx = (x - grid.left) * grid.per_pixel, qy = (y - grid.top) * grid.per_pixel;
     const auto last_x = static_cast<float>(grid.columns) - 0.001f, last_y = static_cast<float>(grid.rows) - 0.001f;
     float in_x = qx > 0.0f ? qx : 0.0f, in_y = qy > 0.0f ? qy : 0.0f;
     in_x = in_x < last_x ? in_x : last_x;
     in_y = in_y < last_y ? in_y : last_y;
     const auto column = static_cast<std::int32_t>(in_x), row = static_cast<std::int32_t>(in_y);
-    const auto phase = static_cast<std::int32_t>((in_x - static_cast<float>(column)) * phases);
-    const auto sub_row = static_cast<std::int32_t>((in_y - static_cast<float>(row)) * phases);
-    const std::int32_t bin = (row * grid.bins_per_cell + sub_row) * grid.stride + phase * grid.columns + column;
+    std::int32_t bin = row * grid.bins_per_cell * grid.stride + column;
+    if constexpr (fine) {
+        const auto phases = static_cast<float>(grid.bins_per_cell);
+        const auto phase = static_cast<std::int32_t>((in_x - static_cast<float>(column)) * phases);
+        const auto sub_row = static_cast<std::int32_t>((in_y - static_cast<float>(row)) * phases);
+        bin += sub_row * grid.stride + phase * grid.columns;
+    }
     // A choice by arithmetic: written with ?: the compiler would branch around all of the above.
     const std::int32_t inside = -(static_cast<std::int32_t>(in_x == qx) & static_cast<std::int32_t>(in_y == qy));
     return (bin & inside) | ((grid.size + i % stray_bins) & ~inside);
@@ -42,7 +47,10 @@ FEWRAYS_CLONES void hit_bins(const float* FEWRAYS_RESTRICT x, const float* FEWRA
                              const float* FEWRAYS_RESTRICT c, int n, const BinGrid& grid,
                              std::int32_t* FEWRAYS_RESTRICT bins) {
     const BinGrid local = grid;
-    for (int i = 0; i < n; ++i) bins[i] = bin_of(x[i] - c[i] * u[i], y[i] - c[i] * v[i], local, i);
+    if (local.bins_per_cell > 1)
+        for (int i = 0; i < n; ++i) bins[i] = bin_of<true>(x[i] - c[i] * u[i], y[i] - c[i] * v[i], local, i);
+    else
+        for (int i = 0; i < n; ++i) bins[i] = bin_of<false>(x[i] - c[i] * u[i], y[i] - c[i] * v[i], local, i);
 }
 
 // In steps, none of which is zero: no bin gets a share that vanishes in rounding.
@@ -87,9 +95,29 @@ FEWRAYS_CLONES void hole_bins(const float* FEWRAYS_RESTRICT x, const float* FEWR
                               const BinGrid& grid, std::int32_t* FEWRAYS_RESTRICT bins) {
     const BinGrid local = grid;
     const float spread = local.hole_spread;
-    for (int i = 0; i < n; ++i)
-        bins[i] =
-            bin_of(x[i] - c * u[i] + spread * scramble(u[i]), y[i] - c * v[i] + spread * scramble(v[i]), local, i);
+    if (local.bins_per_cell > 1)
+        for (int i = 0; i < n; ++i) bins[i] = bin_of<true>(x[i] - c * u[i], y[i] - c * v[i], local, i);
+    else if (spread > 0)
+        for (int i = 0; i < n; ++i)
+            bins[i] = bin_of<false>(x[i] - c * u[i] + spread * scramble(u[i]),
+                                    y[i] - c * v[i] + spread * scramble(v[i]), local, i);
+    else
+        for (int i = 0; i < n; ++i) bins[i] = bin_of<false>(x[i] - c * u[i], y[i] - c * v[i], local, i);
+}
+
+// Has memory fetched that is needed soon: runs are too short for the processor to see the pattern.
+void ask_for(const float* values, int count) {
+    constexpr int line = 64 / sizeof(float);
+    for (int i = 0; i < count; i += line) FEWRAYS_PREFETCH(values + i);
+}
+
+// Pairs of coordinates, from a corner.
+FEWRAYS_CLONES void split_pairs(const float* FEWRAYS_RESTRICT pairs, int n, float left, float top,
+                                float* FEWRAYS_RESTRICT x, float* FEWRAYS_RESTRICT y) {
+    for (int i = 0; i < n; ++i) {
+        x[i] = pairs[2 * i] - left;
+        y[i] = pairs[2 * i + 1] - top;
+    }
 }
 
 // Weighs every bin by how well it is known instead of by the samples in it, so that clusters of samples count no
@@ -201,12 +229,12 @@ LayerMaps::LayerMaps(const Samples& samples, const BlockLayers& blocks, const La
       index_(samples, blocks.extents, blocks.block),
       lookup_(plan.boundaries, plan.layer_count - 1),
       part_reach_(farthest_part(plan) + static_cast<float>(taps_reach * std::sqrt(plan.part_variance))),
-      color_(std::size_t{hit_channels} * batch_size, 1.0f),  // the count of a sample stays 1
       key_(batch_size),
+      place_(batch_size),
+      color_(std::size_t{hit_channels} * batch_size, 1.0f),  // the count of a sample stays 1
       bins_(batch_size) {
-    for (auto* field : {&depth_, &slope_, &x_, &y_, &u_, &v_, &c_, &right_, &down_}) field->resize(batch_size);
+    for (auto* field : {&slope_, &x_, &y_, &u_, &v_, &c_, &right_, &down_}) field->resize(batch_size);
     for (auto* field : {&xy_, &uv_}) field->resize(2 * batch_size);
-    rgb_.resize(3 * batch_size);
 }
 
 std::vector<LayerTarget> LayerMaps::layers_near(const Rectangle& pixels, int first_level, int last_level) const {
@@ -271,7 +299,7 @@ std::vector<FilteredMap> LayerMaps::filter(std::vector<LayerTarget>& targets, fl
     return maps;
 }
 
-// Visits every block that may matter to a target, a batch of samples at a time.
+// Visits every block that may matter to a target, and scatters a batch of samples at a time.
 void LayerMaps::scatter(const std::vector<LayerTarget>& targets, float left, float top) {
     // Samples are sorted by a key that is odd for the targets' own samples and even in between.
     key_of_layer_.resize(plan_.layer_count);
@@ -290,93 +318,113 @@ void LayerMaps::scatter(const std::vector<LayerTarget>& targets, float left, flo
         all = {std::min(all.x_min, area.x_min), std::max(all.x_max, area.x_max), std::min(all.y_min, area.y_min),
                std::max(all.y_max, area.y_max)};
     }
-    std::vector<char> wanted(targets.size());
+    std::vector<char> matters(targets.size()), wanted(targets.size());  // to whom: a block, the batch
+    int space = batch_size;
+    const auto flush = [&] {
+        sort_batch(static_cast<int>(targets.size()), left, top);
+        scatter_batch(targets, wanted);
+        runs_.clear();
+        space = batch_size;
+    };
     index_.visit(all, [&](int block_row, int block_column) {
         const Extent& extent = index_.at(block_row, block_column);
-        for (std::size_t i = 0; i < targets.size(); ++i) wanted[i] = catchments[i].meets(extent);
+        const int deepest = deepest_layer(block_row, block_column);
+        bool any = false;
+        for (std::size_t i = 0; i < targets.size(); ++i) {
+            matters[i] = targets[i].layer <= deepest && catchments[i].meets(extent);
+            wanted[i] |= matters[i];
+            any |= matters[i];
+        }
+        if (!any) return;
         const int block = blocks_.block;
         const int i_end = std::min((block_row + 1) * block, samples_.height);
         const int j_end = std::min((block_column + 1) * block, samples_.width);
-        if (std::find(wanted.begin(), wanted.end(), 1) == wanted.end()) return;
-        int space = batch_size;
-        const auto flush = [&] {
-            sort_batch(static_cast<int>(targets.size()), left, top);
-            scatter_batch(targets, wanted);
-            runs_.clear();
-            space = batch_size;
-        };
         for (int i = block_row * block; i < i_end; ++i) {
             const std::ptrdiff_t pixel = std::ptrdiff_t{i} * samples_.width;
             const std::ptrdiff_t end = (pixel + j_end) * samples_.spp;
             for (std::ptrdiff_t k = (pixel + block_column * block) * samples_.spp; k < end;) {
                 const auto count = static_cast<int>(std::min<std::ptrdiff_t>(end - k, space));
                 runs_.push_back({k, count});
+                ask_for(samples_.depth + k, count);
+                ask_for(samples_.xy + 2 * k, 2 * count);
+                ask_for(samples_.uv + 2 * k, 2 * count);
+                ask_for(samples_.color + 3 * k, 3 * count);
                 k += count;
                 space -= count;
-                if (space == 0) flush();
+                if (space > 0) continue;
+                flush();
+                wanted = matters;
             }
         }
-        if (!runs_.empty()) flush();
     });
+    if (!runs_.empty()) flush();
 }
 
-// Sorts a batch by key. Samples in front of all targets are left out: they say nothing about them. The batch's halves
-// are counted and placed side by side, which halves the wait for one counter to be written and read again.
+// Of the layers that a block has samples of, the last: what lies in front of a layer says nothing about it.
+int LayerMaps::deepest_layer(int block_row, int block_column) const {
+    const std::ptrdiff_t block = std::ptrdiff_t{block_row} * index_.columns() + block_column;
+    const std::int32_t* const counts = blocks_.counts + block * plan_.layer_count;
+    int layer = plan_.layer_count - 1;
+    while (layer >= 0 && counts[layer] == 0) --layer;
+    return layer;
+}
+
+// Sorts a batch by key. Samples in front of all targets come last: they say nothing about them.
 void LayerMaps::sort_batch(int target_count, float left, float top) {
     int n = 0;
     for (const Run& run : runs_) {
-        std::memcpy(&depth_[n], samples_.depth + run.first, sizeof(float) * static_cast<std::size_t>(run.count));
-        std::memcpy(&xy_[2 * n], samples_.xy + 2 * run.first, 2 * sizeof(float) * static_cast<std::size_t>(run.count));
-        std::memcpy(&uv_[2 * n], samples_.uv + 2 * run.first, 2 * sizeof(float) * static_cast<std::size_t>(run.count));
-        std::memcpy(&rgb_[3 * n], samples_.color + 3 * run.first,
-                    3 * sizeof(float) * static_cast<std::size_t>(run.count));
+        lookup_.run(samples_.depth + run.first, run.count, samples_.c0, samples_.c1, &slope_[n], &key_[n]);
         n += run.count;
     }
-    lookup_.run(depth_.data(), n, samples_.c0, samples_.c1, slope_.data(), key_.data());
     for (int i = 0; i < n; ++i) key_[i] = key_of_layer_[key_[i]];
-
-    const int keys = 2 * target_count + 1, half = n / 2;
-    start_.assign(keys + 1, 0);
-    middle_.assign(keys + 1, 0);
-    for (int i = 0; i < half; ++i) {
-        ++start_[key_[i] + 1];
-        ++middle_[key_[half + i] + 1];
+    find_places(n, 2 * target_count + 1);
+    n = 0;
+    for (const Run& run : runs_) {
+        put_in_place(run.first, run.count, n);
+        n += run.count;
     }
-    if (n > 2 * half) ++middle_[key_[n - 1] + 1];
-    start_[1] = middle_[1] = 0;
-    cursor_.assign(2 * (keys + 1), 0);
-    std::int32_t place = 0;
-    for (int key = 1; key < keys; ++key) {
-        cursor_[key] = place;
-        cursor_[keys + key] = place += start_[key + 1];
-        place += middle_[key + 1];
-        start_[key] = cursor_[key];
-    }
-    start_[keys] = place;
-    place_all(n, left, top, keys);
+    split_pairs(xy_.data(), n, left, top, x_.data(), y_.data());
+    split_pairs(uv_.data(), n, 0.0f, 0.0f, u_.data(), v_.data());
 }
 
-void LayerMaps::place_all(int n, float left, float top, int keys) {
-    std::int32_t* FEWRAYS_RESTRICT const cursor = cursor_.data();
-    const std::int32_t* FEWRAYS_RESTRICT const key = key_.data();
-    float *FEWRAYS_RESTRICT const x = x_.data(), *FEWRAYS_RESTRICT const y = y_.data();
-    float *FEWRAYS_RESTRICT const u = u_.data(), *FEWRAYS_RESTRICT const v = v_.data();
-    float *FEWRAYS_RESTRICT const c = c_.data(), *FEWRAYS_RESTRICT const color = color_.data();
-    const float *const xy = xy_.data(), *const uv = uv_.data(), *const rgb = rgb_.data(), *const slopes = slope_.data();
-    const auto put = [=](int i, std::int32_t place) {
-        x[place] = xy[2 * i] - left;
-        y[place] = xy[2 * i + 1] - top;
-        u[place] = uv[2 * i];
-        v[place] = uv[2 * i + 1];
-        c[place] = slopes[i];
-        for (int channel = 0; channel < 3; ++channel) color[hit_channels * place + channel] = rgb[3 * i + channel];
-    };
+// Where each sample of a batch goes, and where each key starts. The batch's halves are counted side by side, which
+// halves the wait for one counter to be written and read again.
+void LayerMaps::find_places(int n, int keys) {
     const int half = n / 2;
+    start_.assign(keys + 1, 0);
+    cursor_.assign(keys, 0);
+    middle_.assign(keys, 0);
     for (int i = 0; i < half; ++i) {
-        if (key[i] != 0) put(i, cursor[key[i]]++);
-        if (key[half + i] != 0) put(half + i, cursor[keys + key[half + i]]++);
+        ++cursor_[key_[i]];
+        ++middle_[key_[half + i]];
     }
-    if (n > 2 * half && key[n - 1] != 0) put(n - 1, cursor[keys + key[n - 1]]++);
+    if (n > 2 * half) ++middle_[key_[n - 1]];
+    std::int32_t place = 0;
+    for (int i = 1; i <= keys; ++i) {
+        const int key = i % keys;
+        start_[i] = place;
+        const std::int32_t first_half = std::exchange(cursor_[key], place);
+        place += first_half + std::exchange(middle_[key], place + first_half);
+    }
+    for (int i = 0; i < half; ++i) {
+        place_[i] = cursor_[key_[i]]++;
+        place_[half + i] = middle_[key_[half + i]]++;
+    }
+    if (n > 2 * half) place_[n - 1] = middle_[key_[n - 1]]++;
+}
+
+// Moves samples, of which the first is that of number `from` in its batch.
+void LayerMaps::put_in_place(std::ptrdiff_t first, int count, int from) {
+    const float* const xy = samples_.xy + 2 * first;
+    const float* const uv = samples_.uv + 2 * first;
+    const float* const rgb = samples_.color + 3 * first;
+    for (int i = 0; i < count; ++i) {
+        const std::ptrdiff_t place = place_[from + i];
+        std::memcpy(&xy_[2 * place], xy + 2 * i, 2 * sizeof(float));
+        std::memcpy(&uv_[2 * place], uv + 2 * i, 2 * sizeof(float));
+        std::memcpy(&color_[hit_channels * place], rgb + 3 * i, 3 * sizeof(float));
+        c_[place] = slope_[from + i];
+    }
 }
 
 // A target's own samples are hits, all behind it are holes (Algorithm 1 of the paper).
@@ -403,20 +451,22 @@ void LayerMaps::scatter_batch(const std::vector<LayerTarget>& targets, const std
 
 void LayerMaps::add_hits(Bins& to, const BinGrid& grid, int first, int n) {
     hit_bins(&x_[first], &y_[first], &u_[first], &v_[first], &c_[first], n, grid, bins_.data());
-    const float* const color = &color_[std::size_t{hit_channels} * first];
+    const float* FEWRAYS_RESTRICT const color = &color_[std::size_t{hit_channels} * first];
     const std::int32_t* const bins = bins_.data();
-    float* const hits = to.hits();
-    for (int k = 0; k < n; ++k)
+    float* FEWRAYS_RESTRICT const hits = to.hits();
+    for (int k = 0; k < n; ++k) {
+        const std::ptrdiff_t bin = std::ptrdiff_t{hit_channels} * bins[k];
         for (int channel = 0; channel < hit_channels; ++channel)
-            hits[hit_channels * bins[k] + channel] += color[hit_channels * k + channel];
+            hits[bin + channel] += color[hit_channels * k + channel];
+    }
 }
 
 void LayerMaps::share_hits(Bins& to, const BinGrid& grid, int first, int n) {
     hit_corners(&x_[first], &y_[first], &u_[first], &v_[first], &c_[first], n, grid, bins_.data(), right_.data(),
                 down_.data());
-    const float* const color = &color_[std::size_t{hit_channels} * first];
+    const float* FEWRAYS_RESTRICT const color = &color_[std::size_t{hit_channels} * first];
     const std::ptrdiff_t line = std::ptrdiff_t{hit_channels} * grid.stride;
-    float* const hits = to.hits();
+    float* FEWRAYS_RESTRICT const hits = to.hits();
     for (int k = 0; k < n; ++k) {
         if (bins_[k] == grid.size) continue;
         float* const corner = hits + std::ptrdiff_t{hit_channels} * bins_[k];

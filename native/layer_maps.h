@@ -80,8 +80,10 @@ public:
 private:
     double blur_variance(const LayerTarget& target) const;
     void scatter(const std::vector<LayerTarget>& targets, float left, float top);
+    int deepest_layer(int block_row, int block_column) const;
     void sort_batch(int target_count, float left, float top);
-    void place_all(int n, float left, float top, int keys);
+    void find_places(int n, int keys);
+    void put_in_place(std::ptrdiff_t first, int count, int from);
     void scatter_batch(const std::vector<LayerTarget>& targets, const std::vector<char>& wanted);
     void add_hits(Bins& to, const BinGrid& grid, int first, int n);
     void share_hits(Bins& to, const BinGrid& grid, int first, int n);
@@ -99,12 +101,13 @@ private:
         std::ptrdiff_t first;
         int count;
     };
-    std::vector<Bins> scattered_;                       // of each target; kept for the next
-    std::vector<Run> runs_;                             // of samples that make up a batch
-    std::vector<float> depth_, slope_, xy_, uv_, rgb_;  // in the order of samples
+    std::vector<Bins> scattered_;  // of each target; kept for the next
+    std::vector<Run> runs_;        // of samples that make up a batch
+    std::vector<float> slope_;     // in the order of samples
+    std::vector<std::int32_t> key_, place_;
+    std::vector<float> xy_, uv_, c_, color_, x_, y_, u_, v_;  // sorted
+    std::vector<std::int32_t> key_of_layer_, start_, middle_, cursor_, bins_;
     std::vector<float> right_, down_;
-    std::vector<float> x_, y_, u_, v_, c_, color_;  // sorted
-    std::vector<std::int32_t> key_, key_of_layer_, start_, middle_, cursor_, bins_;
     std::vector<float> taps_, seen_, weight_, columns_blurred_, planes_;
     std::vector<std::ptrdiff_t> tap_rows_, tap_columns_;
 };

@@ -178,16 +178,43 @@ struct Span {
     int first, end;
 };
 
-// A row of pixels between three rows of bins.
-FEWRAYS_CLONES void magnify_row(const float* FEWRAYS_RESTRICT above, const float* FEWRAYS_RESTRICT here,
-                                const float* FEWRAYS_RESTRICT below, int cells, float above_weight, float here_weight,
-                                float below_weight, float* FEWRAYS_RESTRICT between, const int* FEWRAYS_RESTRICT first,
-                                const float* FEWRAYS_RESTRICT w0, const float* FEWRAYS_RESTRICT w1,
-                                const float* FEWRAYS_RESTRICT w2, int columns, float* FEWRAYS_RESTRICT out) {
-    for (int i = 0; i < cells; ++i)
-        between[i] = above_weight * above[i] + here_weight * here[i] + below_weight * below[i];
-    for (int i = 0; i < columns; ++i)
-        out[i] = w0[i] * between[first[i]] + w1[i] * between[first[i] + 1] + w2[i] * between[first[i] + 2];
+// Weights of the three bins nearest to each pixel of a bin, along one axis: quadratic B-splines.
+struct SplineWeights {
+    std::vector<float> before, here, after;
+
+    explicit SplineWeights(int size) {
+        for (int pixel = 0; pixel < size; ++pixel) {
+            const float beyond = (static_cast<float>(pixel) + 0.5f) / static_cast<float>(size) - 0.5f;
+            before.push_back(0.5f * (0.5f - beyond) * (0.5f - beyond));
+            here.push_back(0.75f - beyond * beyond);
+            after.push_back(0.5f * (0.5f + beyond) * (0.5f + beyond));
+        }
+    }
+};
+
+FEWRAYS_CLONES void between_rows(const float* FEWRAYS_RESTRICT above, const float* FEWRAYS_RESTRICT here,
+                                 const float* FEWRAYS_RESTRICT below, float above_weight, float here_weight,
+                                 float below_weight, int n, float* FEWRAYS_RESTRICT out) {
+    for (int i = 0; i < n; ++i) out[i] = above_weight * above[i] + here_weight * here[i] + below_weight * below[i];
+}
+
+// The pixels of a row of bins of `size` pixels, or of a part of each bin; `bins` points to the one before the first.
+template <int size>
+FEWRAYS_INLINE void magnify_bins(const float* FEWRAYS_RESTRICT bins, int count, int step,
+                                 const float* FEWRAYS_RESTRICT before, const float* FEWRAYS_RESTRICT here,
+                                 const float* FEWRAYS_RESTRICT after, float* FEWRAYS_RESTRICT out) {
+    for (int k = 0; k < count; ++k)
+        for (int i = 0; i < size; ++i)
+            out[k * step + i] = before[i] * bins[k] + here[i] * bins[k + 1] + after[i] * bins[k + 2];
+}
+
+FEWRAYS_CLONES void magnify_row(const float* FEWRAYS_RESTRICT bins, int count, int size,
+                                const float* FEWRAYS_RESTRICT before, const float* FEWRAYS_RESTRICT here,
+                                const float* FEWRAYS_RESTRICT after, float* FEWRAYS_RESTRICT out) {
+    if (size == 2) return magnify_bins<2>(bins, count, 2, before, here, after, out);
+    if (size == 4) return magnify_bins<4>(bins, count, 4, before, here, after, out);
+    if (size == 8) return magnify_bins<8>(bins, count, 8, before, here, after, out);
+    for (int i = 0; i < size; i += 16) magnify_bins<16>(bins, count, size, before + i, here + i, after + i, out + i);
 }
 
 // Where a row of opacities is not zero.
@@ -209,64 +236,52 @@ FEWRAYS_CLONES Span occupied(const float* row, int columns) {
 class Magnifier {
 public:
     // Returns a map in `memory`. The first of the `rows` x `columns` pixels lies `row` and `column` pixels from the
-    // first bin's corner; load(channel, row, first, count, out) reads some of the `bin_rows` x `bin_columns` bins.
+    // first bin's corner; load(channel, row, first, count, out) reads some of the `bin_rows` x `bin_columns` bins,
+    // beyond which the outermost go on.
     template <typename Load>
     FilteredMap run(int level, int row, int column, int rows, int columns, int bin_rows, int bin_columns,
                     std::vector<float>& memory, Load&& load) {
-        place(column, columns, level, bin_columns, across_);
-        place(row, rows, level, bin_rows, down_);
-        const int first = across_.first.front(), cells = across_.first.back() + 3 - first;
-        for (int& each : across_.first) each -= first;
+        const int size = 1 << level, first = column >> level;
+        const int bins = ((column + columns - 1) >> level) + 1 - first, loaded_bins = bins + 2;
+        const SplineWeights weights(size);
         FilteredMap map{nullptr, rows, whole_groups(columns)};
-        memory.resize(static_cast<std::size_t>(channel_count * map.plane()) +
-                      1);  // a pair of columns may begin at the last
+        // A pair of columns may begin at the last.
+        memory.resize(static_cast<std::size_t>(channel_count * map.plane()) + 1);
         map.values = memory.data();
-        for (auto& line : lines_) line.resize(cells);
-        between_.resize(cells);
-        for (int channel = 0; channel < channel_count; ++channel) {
-            int loaded = -3;  // the row in the first line
+        for (auto& line : lines_) line.resize(loaded_bins);
+        between_.resize(loaded_bins);
+        pixels_.resize(std::size_t(bins) << level);
+        const auto load_line = [&](int channel, int bin_row, std::vector<float>& line) {
+            const int begin = std::clamp(first - 1, 0, bin_columns - 1);
+            const int end = std::clamp(first - 1 + loaded_bins, begin + 1, bin_columns);
+            const int skipped = std::clamp(begin - (first - 1), 0, loaded_bins - 1);
+            const int count = std::min(end - begin, loaded_bins - skipped);
+            load(channel, std::clamp(bin_row, 0, bin_rows - 1), begin, count, line.data() + skipped);
+            std::fill(line.begin(), line.begin() + skipped, line[skipped]);
+            std::fill(line.begin() + skipped + count, line.end(), line[skipped + count - 1]);
+        };
+        for (int channel = 0; channel < channel_count; ++channel)
             for (int i = 0; i < rows; ++i) {
-                for (; loaded < down_.first[i]; ++loaded) {
-                    if (loaded + 3 < down_.first[i]) continue;
+                const int bin_row = (row + i) >> level, pixel = (row + i) & (size - 1);
+                if (i == 0)
+                    for (int k = 0; k < 3; ++k) load_line(channel, bin_row - 1 + k, lines_[k]);
+                else if (pixel == 0) {
                     std::rotate(lines_, lines_ + 1, lines_ + 3);
-                    load(channel, loaded + 3, first, cells, lines_[2].data());
+                    load_line(channel, bin_row + 1, lines_[2]);
                 }
+                between_rows(lines_[0].data(), lines_[1].data(), lines_[2].data(), weights.before[pixel],
+                             weights.here[pixel], weights.after[pixel], loaded_bins, between_.data());
+                magnify_row(between_.data(), bins, size, weights.before.data(), weights.here.data(),
+                            weights.after.data(), pixels_.data());
                 float* const out = map.channel(channel) + std::ptrdiff_t{i} * map.stride;
-                magnify_row(lines_[0].data(), lines_[1].data(), lines_[2].data(), cells, down_.weights[0][i],
-                            down_.weights[1][i], down_.weights[2][i], between_.data(), across_.first.data(),
-                            across_.weights[0].data(), across_.weights[1].data(), across_.weights[2].data(), columns,
-                            out);
+                std::copy_n(pixels_.begin() + (column & (size - 1)), columns, out);
                 std::fill(out + columns, out + map.stride, 0.0f);
             }
-        }
         return map;
     }
 
 private:
-    // The first of the three bins around each pixel along one axis, and the weights of all three.
-    struct Taps {
-        std::vector<int> first;
-        std::vector<float> weights[3];
-    };
-
-    static void place(int begin, int count, int level, int limit, Taps& taps) {
-        taps.first.resize(count);
-        for (auto& weights : taps.weights) weights.resize(count);
-        const float size = static_cast<float>(1 << level);
-        for (int i = 0; i < count; ++i) {
-            const float position = std::clamp((static_cast<float>(begin + i) + 0.5f) / size - 0.5f, 0.5f,
-                                              static_cast<float>(limit) - 1.5f);
-            const int nearest = std::min(static_cast<int>(position + 0.5f), limit - 2);
-            const float beyond = position - static_cast<float>(nearest);
-            taps.first[i] = nearest - 1;
-            taps.weights[0][i] = 0.5f * (0.5f - beyond) * (0.5f - beyond);
-            taps.weights[1][i] = 0.75f - beyond * beyond;
-            taps.weights[2][i] = 0.5f * (0.5f + beyond) * (0.5f + beyond);
-        }
-    }
-
-    Taps across_, down_;
-    std::vector<float> lines_[3], between_;
+    std::vector<float> lines_[3], between_, pixels_;
 };
 
 // Copies a piece of a row of bins out of the tiles of a map that hold it.

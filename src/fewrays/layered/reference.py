@@ -494,12 +494,13 @@ def _reading_matrix(first: int, count: int, bins: int, size: int) -> Float64:
     if size == 1:
         matrix[pixels, np.clip(first + pixels, 0, bins - 1)] = 1.0
         return matrix
-    position = np.clip((first + pixels + 0.5) / size - 0.5, 0.5, bins - 1.5)
-    nearest = np.minimum(np.floor(position + 0.5).astype(np.intp), bins - 2)
+    position = (first + pixels + 0.5) / size - 0.5
+    nearest = np.floor(position + 0.5).astype(np.intp)
     beyond = position - nearest
-    matrix[pixels, nearest - 1] = 0.5 * (0.5 - beyond) ** 2
-    matrix[pixels, nearest] = 0.75 - beyond**2
-    matrix[pixels, nearest + 1] = 0.5 * (0.5 + beyond) ** 2
+    weights = 0.5 * (0.5 - beyond) ** 2, 0.75 - beyond**2, 0.5 * (0.5 + beyond) ** 2
+    for step, weight in zip((-1, 0, 1), weights, strict=True):
+        # Beyond the map the outermost bins go on.
+        np.add.at(matrix, (pixels, np.clip(nearest + step, 0, bins - 1)), weight)
     return matrix
 
 
