@@ -15,7 +15,8 @@ struct Rectangle {
     bool meets(const Extent& box) const {
         return box.x_max >= x_min && box.x_min < x_max && box.y_max >= y_min && box.y_min < y_max;
     }
-    void include(const Extent& box) {
+    template <typename Box>
+    void include(const Box& box) {
         x_min = std::min(x_min, box.x_min);
         x_max = std::max(x_max, box.x_max);
         y_min = std::min(y_min, box.y_min);

@@ -36,8 +36,8 @@ FEWRAYS_CLONES void LayerLookup::run(const float* FEWRAYS_RESTRICT depth, int n,
                                      float* FEWRAYS_RESTRICT slopes, std::int32_t* FEWRAYS_RESTRICT layers) const {
     const float offset = offset_;
     const std::int32_t first_cell = first_cell_, cells = cells_;
-    const std::int32_t* const table = table_.data();
-    const float* const boundaries = boundaries_.data();
+    const std::int32_t* FEWRAYS_RESTRICT const table = table_.data();
+    const float* FEWRAYS_RESTRICT const boundaries = boundaries_.data();
     for (int i = 0; i < n; ++i) slopes[i] = slope(depth[i], c0, c1);
     for (int i = 0; i < n; ++i) {
         const float c = slopes[i], magnitude = std::fabs(c) + offset;

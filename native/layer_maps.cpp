@@ -12,6 +12,7 @@ namespace fewrays {
 namespace {
 
 constexpr int batch_size = 2048;  // samples that are sorted by layer at a time
+constexpr int rows_at_once = 8;   // that are blurred, in cells
 constexpr int stray_bins = 16;
 constexpr int hit_channels = 4;                 // red, green, blue, count
 constexpr int near_bins = 3;                    // per pixel
@@ -82,6 +83,24 @@ FEWRAYS_CLONES void hit_corners(const float* FEWRAYS_RESTRICT x, const float* FE
     }
 }
 
+// Adds colours to two by two bins each, but those of strays.
+FEWRAYS_CLONES void share(const float* FEWRAYS_RESTRICT color, const std::int32_t* FEWRAYS_RESTRICT bins,
+                          const float* FEWRAYS_RESTRICT right, const float* FEWRAYS_RESTRICT down, int n,
+                          std::int32_t stray, std::ptrdiff_t line, float* FEWRAYS_RESTRICT hits) {
+    for (int k = 0; k < n; ++k) {
+        if (bins[k] == stray) continue;
+        float pair[2 * hit_channels];  // to the left and to the right
+        for (int channel = 0; channel < hit_channels; ++channel) {
+            pair[channel] = (1 - right[k]) * color[hit_channels * k + channel];
+            pair[hit_channels + channel] = right[k] * color[hit_channels * k + channel];
+        }
+        float* FEWRAYS_RESTRICT const above = hits + std::ptrdiff_t{hit_channels} * bins[k];
+        float* FEWRAYS_RESTRICT const below = above + line;
+        for (int i = 0; i < 2 * hit_channels; ++i) above[i] += (1 - down[k]) * pair[i];
+        for (int i = 0; i < 2 * hit_channels; ++i) below[i] += down[k] * pair[i];
+    }
+}
+
 // A number from -1/2 to 1/2 that looks random, but is the sample's own.
 FEWRAYS_INLINE float scramble(float u) {
     const float many = (u + 1.0f) * 719.37f;
@@ -135,11 +154,6 @@ FEWRAYS_CLONES void weigh_by_place(float* FEWRAYS_RESTRICT hits, float* FEWRAYS_
     }
 }
 
-// The samples of a near layer's bins: hits and holes.
-FEWRAYS_CLONES void count_all(const float* FEWRAYS_RESTRICT hits, float* FEWRAYS_RESTRICT holes, int size) {
-    for (int i = 0; i < size; ++i) holes[i] += hits[hit_channels * i + 3];
-}
-
 // Opacity, red, green and blue, each on its own.
 FEWRAYS_CLONES void separate(const float* FEWRAYS_RESTRICT hits, float* FEWRAYS_RESTRICT planes, std::ptrdiff_t plane,
                              int n) {
@@ -151,18 +165,24 @@ FEWRAYS_CLONES void separate(const float* FEWRAYS_RESTRICT hits, float* FEWRAYS_
     }
 }
 
+FEWRAYS_CLONES void add(const float* FEWRAYS_RESTRICT values, float* FEWRAYS_RESTRICT to, std::ptrdiff_t n) {
+    for (std::ptrdiff_t i = 0; i < n; ++i) to[i] += values[i];
+}
+
 // Divides opacity and radiance by the weight that was blurred along with them.
-FEWRAYS_CLONES void normalise(const float* FEWRAYS_RESTRICT weight, float* FEWRAYS_RESTRICT rest,
-                              std::ptrdiff_t plane) {
+FEWRAYS_CLONES void normalise(const float* FEWRAYS_RESTRICT weight, const float* FEWRAYS_RESTRICT blurred,
+                              float* FEWRAYS_RESTRICT out, std::ptrdiff_t plane) {
     for (std::ptrdiff_t i = 0; i < plane; ++i) {
         const float reciprocal = weight[i] > min_weight ? 1.0f / std::max(weight[i], min_weight) : 0.0f;
-        for (int channel = 0; channel < channel_count - 1; ++channel) rest[channel * plane + i] *= reciprocal;
+        for (int channel = 0; channel < hit_channels; ++channel)
+            out[channel * plane + i] = reciprocal * blurred[channel * plane + i];
     }
 }
 
 // Scales how much is known to what it would be were nothing hidden.
-FEWRAYS_CLONES void scale_known(float* values, std::ptrdiff_t plane, float scale) {
-    for (std::ptrdiff_t i = 0; i < plane; ++i) values[i] = std::min(values[i] * scale, 1.0f);
+FEWRAYS_CLONES void scale_known(const float* FEWRAYS_RESTRICT blurred, float* FEWRAYS_RESTRICT out,
+                                std::ptrdiff_t plane, float scale) {
+    for (std::ptrdiff_t i = 0; i < plane; ++i) out[i] = std::min(blurred[i] * scale, 1.0f);
 }
 
 }  // namespace
@@ -242,16 +262,20 @@ std::vector<LayerTarget> LayerMaps::layers_near(const Rectangle& pixels, int fir
     std::vector<std::int64_t> counts(layers);
     std::vector<double> sums(layers);
     std::vector<Rectangle> extents(layers, {INFINITY, -INFINITY, INFINITY, -INFINITY});
-    float largest = 0;
-    for (int layer = 0; layer < layers; ++layer) largest = std::max(largest, plan_.reaches[layer]);
-    index_.visit(pixels.grown(largest * (1 + part_reach_) + tail), [&](int row, int column) {
+    std::vector<Rectangle> neighbourhoods;
+    Rectangle all = pixels;
+    for (int layer = 0; layer < layers; ++layer) {
+        neighbourhoods.push_back(pixels.grown(plan_.reaches[layer] * (1 + part_reach_) + tail));
+        all.include(neighbourhoods.back());
+    }
+    index_.visit(all, [&](int row, int column) {
         const std::ptrdiff_t block = (std::ptrdiff_t{row} * index_.columns() + column) * layers;
+        const Extent& box = index_.at(row, column);
         for (int layer = 0; layer < layers; ++layer) {
-            if (blocks_.counts[block + layer] == 0) continue;
-            if (!pixels.grown(plan_.reaches[layer] * (1 + part_reach_) + tail).meets(index_.at(row, column))) continue;
+            if (blocks_.counts[block + layer] == 0 || !neighbourhoods[layer].meets(box)) continue;
             counts[layer] += blocks_.counts[block + layer];
             sums[layer] += double{blocks_.slope_sums[block + layer]};
-            extents[layer].include(index_.at(row, column));
+            extents[layer].include(box);
         }
     });
 
@@ -464,79 +488,78 @@ void LayerMaps::add_hits(Bins& to, const BinGrid& grid, int first, int n) {
 void LayerMaps::share_hits(Bins& to, const BinGrid& grid, int first, int n) {
     hit_corners(&x_[first], &y_[first], &u_[first], &v_[first], &c_[first], n, grid, bins_.data(), right_.data(),
                 down_.data());
-    const float* FEWRAYS_RESTRICT const color = &color_[std::size_t{hit_channels} * first];
-    const std::ptrdiff_t line = std::ptrdiff_t{hit_channels} * grid.stride;
-    float* FEWRAYS_RESTRICT const hits = to.hits();
-    for (int k = 0; k < n; ++k) {
-        if (bins_[k] == grid.size) continue;
-        float* const corner = hits + std::ptrdiff_t{hit_channels} * bins_[k];
-        const float right = right_[k], down = down_[k];
-        const float weights[2][2] = {{(1 - right) * (1 - down), right * (1 - down)},
-                                     {(1 - right) * down, right * down}};
-        for (int row = 0; row < 2; ++row)
-            for (int column = 0; column < 2; ++column)
-                for (int channel = 0; channel < hit_channels; ++channel)
-                    corner[row * line + hit_channels * column + channel] +=
-                        weights[row][column] * color[hit_channels * k + channel];
-    }
+    share(&color_[std::size_t{hit_channels} * first], bins_.data(), right_.data(), down_.data(), n, grid.size,
+          std::ptrdiff_t{hit_channels} * grid.stride, to.hits());
 }
 
-// The columns first, while radiance and count of a bin still lie side by side; then, on the few rows that are left,
-// the rows. The map comes to lie where the bins were, as soon as these are not needed any more.
+// Some rows of the result at a time, so that what passes from one step to the next stays in the cache. The map comes to
+// lie where the bins were.
 FilteredMap LayerMaps::blur(const LayerTarget& target, Bins& bins) {
-    if (target.near) {
-        count_all(bins.hits(), bins.holes(), target.size);
-    } else {
+    if (!target.near) {
         seen_.resize(target.size);
         const float samples = static_cast<float>(samples_.spp) * target.cell * target.cell;
         weigh_by_place(bins.hits(), bins.holes(), seen_.data(), target.size, 1 / (plan_.full_weight * samples),
                        1 / (plan_.seen * samples));
     }
     make_taps(target);
-    const int tap_count = 2 * target.radius + 1;
-    const int first = target.margin * target.bins_per_cell + target.bins_per_cell / 2 - target.radius;
-    const std::ptrdiff_t line = target.stride, plane = line * target.rows;
-    columns_blurred_.resize(std::size_t{hit_channels} * plane + columns_at_once);
-    planes_.resize(std::size_t{hit_channels} * plane + columns_at_once);
-    weight_.resize(std::size_t(target.rows) * target.width);
-    const FilteredMap map{bins.values.data(), target.rows, target.width};
-
-    for (int k = 0; k < tap_count; ++k) tap_rows_[k] = k * line;
-    const auto blur_plane = [&](const float* plane_of_bins, float* out) {
-        blur_pass(plane_of_bins + first * line, target.bins_per_cell * line, planes_.data(), target.rows,
-                  static_cast<int>(line), taps_.data(), tap_rows_.data(), tap_count);
-        blur_pass(planes_.data(), line, out, target.rows, target.width, taps_.data(), tap_columns_.data(), tap_count);
-    };
-    blur_plane(bins.holes(), weight_.data());
-    if (!target.near) {
-        blur_plane(seen_.data(), map.channel(known));
-        const double expected = static_cast<double>(samples_.spp) * target.cell * target.cell;
-        scale_known(map.channel(known), map.plane(), static_cast<float>(1 / (1 - std::exp(-expected))));
+    const std::ptrdiff_t plane = std::ptrdiff_t{target.rows} * target.width;
+    const std::size_t strip = std::size_t{rows_at_once} * target.stride + columns_at_once;
+    columns_blurred_.resize(hit_channels * strip);
+    planes_.resize(hit_channels * strip);
+    blurred_.resize(static_cast<std::size_t>(channel_count * plane));
+    weight_.resize(static_cast<std::size_t>(plane));
+    for (int row = 0; row < target.rows; row += rows_at_once) {
+        const int rows = std::min(rows_at_once, target.rows - row);
+        float* const out = &blurred_[static_cast<std::size_t>(row) * target.width];
+        blur_counts(target, bins.holes(), row, rows, &weight_[static_cast<std::size_t>(row) * target.width]);
+        if (!target.near) blur_counts(target, seen_.data(), row, rows, out);
+        blur_hits(target, bins.hits(), row, rows, out + plane, plane);
     }
 
-    for (int k = 0; k < tap_count; ++k) tap_rows_[k] = hit_channels * k * line;
-    blur_pass(bins.hits() + hit_channels * first * line, hit_channels * target.bins_per_cell * line,
-              columns_blurred_.data(), target.rows, static_cast<int>(hit_channels * line), taps_.data(),
-              tap_rows_.data(), tap_count);
-    separate(columns_blurred_.data(), planes_.data(), plane, static_cast<int>(plane));
-    for (int channel = 0; channel < hit_channels; ++channel)
-        blur_pass(planes_.data() + channel * plane, line, map.channel(opacity + channel), target.rows, target.width,
-                  taps_.data(), tap_columns_.data(), tap_count);
-    normalise(weight_.data(), map.channel(opacity), map.plane());
+    const FilteredMap map{bins.values.data(), target.rows, target.width};
+    if (target.near) {
+        add(&blurred_[static_cast<std::size_t>(plane)], weight_.data(), plane);
+    } else {
+        const double expected = static_cast<double>(samples_.spp) * target.cell * target.cell;
+        scale_known(blurred_.data(), map.channel(known), plane, static_cast<float>(1 / (1 - std::exp(-expected))));
+    }
+    normalise(weight_.data(), &blurred_[static_cast<std::size_t>(plane)], map.channel(opacity), plane);
     return map;
+}
+
+// Rows [row, row + rows) of a result of one number a bin.
+void LayerMaps::blur_counts(const LayerTarget& target, const float* counts, int row, int rows, float* out) {
+    const std::ptrdiff_t line = target.stride, step = target.bins_per_cell * line;
+    blur_pass(counts + target.first_tap() * line + row * step, step, planes_.data(), rows, target.stride, taps_.data(),
+              tap_rows_.data(), static_cast<int>(taps_.size()));
+    blur_pass(planes_.data(), line, out, rows, target.width, taps_.data(), tap_columns_.data(),
+              static_cast<int>(taps_.size()));
+}
+
+// The same for opacity and radiance, `plane` apart: along columns while those of a bin still lie side by side, then, on
+// the few rows that are left, along rows.
+void LayerMaps::blur_hits(const LayerTarget& target, const float* hits, int row, int rows, float* out,
+                          std::ptrdiff_t plane) {
+    const std::ptrdiff_t line = target.stride, step = hit_channels * target.bins_per_cell * line, strip = line * rows;
+    blur_pass(hits + hit_channels * target.first_tap() * line + row * step, step, columns_blurred_.data(), rows,
+              hit_channels * target.stride, taps_.data(), tap_hit_rows_.data(), static_cast<int>(taps_.size()));
+    separate(columns_blurred_.data(), planes_.data(), strip, static_cast<int>(strip));
+    for (int channel = 0; channel < hit_channels; ++channel)
+        blur_pass(planes_.data() + channel * strip, line, out + channel * plane, rows, target.width, taps_.data(),
+                  tap_columns_.data(), static_cast<int>(taps_.size()));
 }
 
 void LayerMaps::make_taps(const LayerTarget& target) {
     const int radius = target.radius, tap_count = 2 * radius + 1;
     taps_.resize(tap_count);
-    tap_columns_.resize(tap_count);
-    tap_rows_.resize(tap_count);
+    for (auto* offsets : {&tap_columns_, &tap_rows_, &tap_hit_rows_}) offsets->resize(tap_count);
     gaussian_taps(target.blur_variance, radius, taps_.data() + radius);
     for (int d = 1; d <= radius; ++d) taps_[radius - d] = taps_[radius + d];
-    const int first = target.margin * target.bins_per_cell + target.bins_per_cell / 2 - radius;
     for (int k = 0; k < tap_count; ++k) {
-        const int bin = first + k;
+        const int bin = target.first_tap() + k;
         tap_columns_[k] = bin % target.bins_per_cell * target.segment + bin / target.bins_per_cell;
+        tap_rows_[k] = std::ptrdiff_t{k} * target.stride;
+        tap_hit_rows_[k] = hit_channels * tap_rows_[k];
     }
 }
 

@@ -42,6 +42,8 @@ struct LayerTarget {
     bool want(float grid_left, float grid_top, int grid_rows, int grid_columns, float origin_x, float origin_y);
     void lay_out();
     Rectangle catchment() const;
+    // The first bin that the first cell's blur reads.
+    int first_tap() const { return margin * bins_per_cell + bins_per_cell / 2 - radius; }
 };
 
 // What has been scattered to the bins of a target, and later, in its place, the filtered map.
@@ -88,6 +90,8 @@ private:
     void add_hits(Bins& to, const BinGrid& grid, int first, int n);
     void share_hits(Bins& to, const BinGrid& grid, int first, int n);
     FilteredMap blur(const LayerTarget& target, Bins& bins);
+    void blur_counts(const LayerTarget& target, const float* counts, int row, int rows, float* out);
+    void blur_hits(const LayerTarget& target, const float* hits, int row, int rows, float* out, std::ptrdiff_t plane);
     void make_taps(const LayerTarget& target);
 
     const Samples& samples_;
@@ -108,8 +112,8 @@ private:
     std::vector<float> xy_, uv_, c_, color_, x_, y_, u_, v_;  // sorted
     std::vector<std::int32_t> key_of_layer_, start_, middle_, cursor_, bins_;
     std::vector<float> right_, down_;
-    std::vector<float> taps_, seen_, weight_, columns_blurred_, planes_;
-    std::vector<std::ptrdiff_t> tap_rows_, tap_columns_;
+    std::vector<float> taps_, seen_, columns_blurred_, planes_, weight_, blurred_;
+    std::vector<std::ptrdiff_t> tap_rows_, tap_hit_rows_, tap_columns_;
 };
 
 }  // namespace fewrays
