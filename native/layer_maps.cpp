@@ -83,6 +83,20 @@ FEWRAYS_CLONES void hit_corners(const float* FEWRAYS_RESTRICT x, const float* FE
     }
 }
 
+void count_each(const std::int32_t* bins, int n, float* holes) {
+    for (int k = 0; k < n; ++k) holes[bins[k]] += 1.0f;
+}
+
+void add_each(const float* color, const std::int32_t* bins, int n, float* hits) {
+    for (int k = 0; k < n; ++k) {
+        float* const hit = hits + std::ptrdiff_t{hit_channels} * bins[k];
+        float sum[hit_channels];  // all of it before any is stored: else compilers add one channel after the other
+        for (int channel = 0; channel < hit_channels; ++channel)
+            sum[channel] = hit[channel] + color[hit_channels * k + channel];
+        std::copy_n(sum, hit_channels, hit);
+    }
+}
+
 // Adds colours to two by two bins each, but those of strays.
 FEWRAYS_CLONES void share(const float* FEWRAYS_RESTRICT color, const std::int32_t* FEWRAYS_RESTRICT bins,
                           const float* FEWRAYS_RESTRICT right, const float* FEWRAYS_RESTRICT down, int n,
@@ -454,7 +468,6 @@ void LayerMaps::put_in_place(std::ptrdiff_t first, int count, int from) {
 // A target's own samples are hits, all behind it are holes (Algorithm 1 of the paper).
 void LayerMaps::scatter_batch(const std::vector<LayerTarget>& targets, const std::vector<char>& wanted) {
     const int end = start_[2 * targets.size() + 1];
-    const std::int32_t* const bins = bins_.data();
     for (std::size_t i = 0; i < targets.size(); ++i) {
         if (!wanted[i]) continue;
         const LayerTarget& target = targets[i];
@@ -468,21 +481,13 @@ void LayerMaps::scatter_batch(const std::vector<LayerTarget>& targets, const std
         else
             add_hits(scattered_[i], grid, hit, hole - hit);
         hole_bins(&x_[hole], &y_[hole], &u_[hole], &v_[hole], target.slope, end - hole, grid, bins_.data());
-        float* const holes = scattered_[i].holes();
-        for (int k = 0; k < end - hole; ++k) holes[bins[k]] += 1.0f;
+        count_each(bins_.data(), end - hole, scattered_[i].holes());
     }
 }
 
 void LayerMaps::add_hits(Bins& to, const BinGrid& grid, int first, int n) {
     hit_bins(&x_[first], &y_[first], &u_[first], &v_[first], &c_[first], n, grid, bins_.data());
-    const float* FEWRAYS_RESTRICT const color = &color_[std::size_t{hit_channels} * first];
-    const std::int32_t* const bins = bins_.data();
-    float* FEWRAYS_RESTRICT const hits = to.hits();
-    for (int k = 0; k < n; ++k) {
-        const std::ptrdiff_t bin = std::ptrdiff_t{hit_channels} * bins[k];
-        for (int channel = 0; channel < hit_channels; ++channel)
-            hits[bin + channel] += color[hit_channels * k + channel];
-    }
+    add_each(&color_[std::size_t{hit_channels} * first], bins_.data(), n, to.hits());
 }
 
 void LayerMaps::share_hits(Bins& to, const BinGrid& grid, int first, int n) {
