@@ -15,7 +15,6 @@ constexpr int batch_size = 2048;  // samples that are sorted by layer at a time
 constexpr int rows_at_once = 8;   // that are blurred, in cells
 constexpr int stray_bins = 16;
 constexpr int hit_channels = 4;                 // red, green, blue, count
-constexpr int near_bins = 3;                    // per pixel
 constexpr double magnified_variance = 0.25;     // of the quadratic B-spline that reads coarse maps, in bins²
 constexpr double bin_variance = 1.0 / 12.0;     // of the bin that a sample is rounded to, in bins²
 constexpr double shared_variance = 1.0 / 12.0;  // what sharing hits between bins adds to that
@@ -211,7 +210,8 @@ bool LayerTarget::want(float grid_left, float grid_top, int grid_rows, int grid_
     // Hits of coarse layers are shared with the next bins, and splines read bins on all sides.
     const float beyond = cell > 1.0f ? 4.0f : 2.0f;
     const float around =
-        static_cast<float>(taps_radius(blur_variance)) * cell / (near ? near_bins : 1.0f) + beyond * cell;
+        static_cast<float>(tap_count(blur_variance, first_distance)) * cell / static_cast<float>(bins_per_cell) +
+        beyond * cell;
     const auto cells = [&](float from, float to, float start, int count) {
         const float last = static_cast<float>(count);
         const float first_cell = std::floor(std::clamp((from - around - start) / cell, 0.0f, last));
@@ -228,9 +228,9 @@ bool LayerTarget::want(float grid_left, float grid_top, int grid_rows, int grid_
 }
 
 void LayerTarget::lay_out() {
-    bins_per_cell = near ? near_bins : 1;
-    radius = taps_radius(blur_variance);
-    margin = (radius + bins_per_cell / 2) / bins_per_cell + (cell > 1.0f ? 1 : 0);  // shared hits begin one earlier
+    taps_beside = tap_count(blur_variance, first_distance);
+    margin = (taps() / 2 - bins_per_cell / 2 + bins_per_cell - 1) / bins_per_cell;
+    if (cell > 1.0f) ++margin;  // shared hits begin one earlier
     width = whole_groups(columns);
     segment = whole_groups(width + 2 * margin);
     stride = segment * bins_per_cell;
@@ -303,6 +303,8 @@ std::vector<LayerTarget> LayerMaps::layers_near(const Rectangle& pixels, int fir
         target.reach = plan_.reaches[layer];
         target.extent = extents[layer].grown(target.reach);
         target.near = level < 0;
+        target.bins_per_cell = target.near ? 1 << -level : 1;
+        target.first_distance = target.near ? 0.5 : 0.0;
         target.cell = level > 0 ? static_cast<float>(1 << level) : 1.0f;
         target.blur_variance = blur_variance(target);
         targets.push_back(std::move(target));
@@ -316,7 +318,7 @@ double LayerMaps::blur_variance(const LayerTarget& target) const {
     const double slope2 = double{target.slope} * target.slope;
     double variance = plan_.pixel_variance + slope2 * (target.near ? plan_.aperture_variance : plan_.part_variance);
     if (target.near) {
-        variance *= near_bins * near_bins;
+        variance *= target.bins_per_cell * target.bins_per_cell;
     } else {
         variance -= plan_.interpolation;
         if (target.cell > 1.0f)
@@ -555,12 +557,13 @@ void LayerMaps::blur_hits(const LayerTarget& target, const float* hits, int row,
 }
 
 void LayerMaps::make_taps(const LayerTarget& target) {
-    const int radius = target.radius, tap_count = 2 * radius + 1;
-    taps_.resize(tap_count);
-    for (auto* offsets : {&tap_columns_, &tap_rows_, &tap_hit_rows_}) offsets->resize(tap_count);
-    gaussian_taps(target.blur_variance, radius, taps_.data() + radius);
-    for (int d = 1; d <= radius; ++d) taps_[radius - d] = taps_[radius + d];
-    for (int k = 0; k < tap_count; ++k) {
+    const int count = target.taps();
+    taps_.resize(count);
+    for (auto* offsets : {&tap_columns_, &tap_rows_, &tap_hit_rows_}) offsets->resize(count);
+    float* const right = taps_.data() + count - target.taps_beside;
+    gaussian_taps(target.blur_variance, target.first_distance, target.taps_beside, right);
+    for (int k = 0; k < target.taps_beside; ++k) taps_[target.taps_beside - 1 - k] = right[k];
+    for (int k = 0; k < count; ++k) {
         const int bin = target.first_tap() + k;
         tap_columns_[k] = bin % target.bins_per_cell * target.segment + bin / target.bins_per_cell;
         tap_rows_[k] = std::ptrdiff_t{k} * target.stride;

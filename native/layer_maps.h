@@ -33,9 +33,13 @@ struct LayerTarget {
     float reach;            // how far samples may lie from their place at the lens centre, in pixels
     double blur_variance;   // in bins²
 
-    int bins_per_cell, radius, margin;  // of the blur's kernel in bins, and its reach in cells
-    int width, segment;                 // cells of a row of the result and of the bins, in memory
-    int stride, bin_rows, size;         // bins from row to row (stored phase by phase), rows of bins, bins in all
+    int bins_per_cell;      // along a side
+    double first_distance;  // of the blur's nearest tap, in bins
+
+    int taps_beside;             // of the blur's kernel on each side
+    int margin;                  // cells around those wanted that the blur reads
+    int width, segment;          // cells of a row of the result and of the bins, in memory
+    int stride, bin_rows, size;  // bins from row to row (stored phase by phase), rows of bins, bins in all
 
     // Asks for the part of a grid of cells (its corner relative to the origin, its size) that the layer can cover;
     // false if that is nothing.
@@ -43,7 +47,8 @@ struct LayerTarget {
     void lay_out();
     Rectangle catchment() const;
     // The first bin that the first cell's blur reads.
-    int first_tap() const { return margin * bins_per_cell + bins_per_cell / 2 - radius; }
+    int first_tap() const { return margin * bins_per_cell + bins_per_cell / 2 - taps() / 2; }
+    int taps() const { return first_distance > 0 ? 2 * taps_beside : 2 * taps_beside - 1; }
 };
 
 // What has been scattered to the bins of a target, and later, in its place, the filtered map.

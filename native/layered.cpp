@@ -348,7 +348,7 @@ private:
 
     void find_maps(int left, int top) {
         const auto x = static_cast<float>(left), y = static_cast<float>(top), side = static_cast<float>(plan_.tile);
-        std::vector<LayerTarget> all = layer_maps_.layers_near({x, x + side, y, y + side}, -1, any_level);
+        std::vector<LayerTarget> all = layer_maps_.layers_near({x, x + side, y, y + side}, -any_level, any_level);
         layers_.clear();
         targets_.clear();
         magnified_count_ = 0;

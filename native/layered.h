@@ -11,7 +11,7 @@ struct LayeredPlan {
     int tile;  // side of a tile of the image, in pixels
     int layer_count;
     const float* boundaries;     // (layer_count - 1): slopes where one layer ends and the next begins, ascending
-    const std::int32_t* levels;  // (layer_count): bins of 2^level pixels; -1: near focus, fractions of a pixel
+    const std::int32_t* levels;  // (layer_count): bins of 2^level pixels; below 0: near focus
     int deepest_tile_level;      // layers up to this level are filtered tile by tile, others as maps of the image
     const float* reaches;        // (layer_count): largest |slope| of a sample
     double pixel_variance;       // of the pixel filter along one axis, in pixels²

@@ -19,8 +19,7 @@ from agreement import assert_agree
 from buffers import random_buffer
 from fewrays import Lens, SampleBuffer, SampleError, reconstruct
 from fewrays.layered.plan import Plan
-from fewrays.layered.slabs import NEAR
-from fewrays.layered.taps import gaussian_taps, taps_radius
+from fewrays.layered.taps import gaussian_taps, tap_count
 from fewrays.lens import Aperture, Sampling
 from fewrays.method import Image
 from fewrays.samples import OFF_IMAGE
@@ -45,7 +44,7 @@ def assert_twins(actual: npt.ArrayLike, expected: npt.ArrayLike) -> None:
     A sample that rounding puts into the neighbouring bin is the exception. It may be seen wherever its
     layer's blur spreads it, but faintly; of tens of thousands of samples one or none does that.
     """
-    assert_agree(actual, expected, tolerance=1e-5, flips=0.5, jump=0.02)
+    assert_agree(actual, expected, tolerance=1e-5, flips=0.5, jump=0.03)
 
 
 @pytest.fixture
@@ -91,7 +90,7 @@ class TestAgainstTheReference:
         levels = [
             levels_of(random_buffer(45, 70, 4, lens_of(blur), off_image=0.05, seed=1)) for blur in blurs
         ]
-        assert set().union(*levels) >= {NEAR, 0, 1, 2, 3}
+        assert set().union(*levels) >= {-2, -1, 0, 1, 2, 3}
 
     @settings(max_examples=40)
     @given(
@@ -218,7 +217,8 @@ class TestInvariance:
         samples = random_buffer(90, 110, 4, lens_of(blur))
         difference = np.abs(reconstruct(samples, tile=32) - reconstruct(samples, tile=128))
         assert np.median(difference) < 2e-3
-        assert difference.max() < 0.06
+        assert np.quantile(difference, 0.99) < 0.03
+        assert difference.max() < 0.15
 
     def test_dropped_samples_leave_no_trace(self) -> None:
         samples = random_buffer(40, 40, 4, LENS)
@@ -295,23 +295,31 @@ class TestOutputs:
 
 
 class TestTaps:
-    @given(variance=st.floats(1e-8, 1e4))
-    def test_variance_is_exact(self, variance: float) -> None:
-        radius = taps_radius(variance)
-        taps = gaussian_taps(variance, radius)
-        distance2 = np.arange(radius + 1) ** 2
-        assert taps[0] + 2 * taps[1:].sum() == pytest.approx(1)
-        assert 2 * (taps * distance2).sum() == pytest.approx(variance, rel=1e-6)
+    @pytest.mark.parametrize("first", [0.0, 0.5])
+    @given(beyond=st.floats(1e-8, 1e4))
+    def test_variance_is_exact(self, first: float, beyond: float) -> None:
+        variance = first**2 + beyond
+        taps = gaussian_taps(variance, first, tap_count(variance, first))
+        distance2 = (first + np.arange(len(taps))) ** 2
+        twice = np.where(distance2 > 0, 2, 1)
+        assert (twice * taps).sum() == pytest.approx(1)
+        assert (twice * taps * distance2).sum() - first**2 == pytest.approx(beyond, rel=1e-6)
         assert (np.diff(taps) <= 0).all()
 
     def test_no_variance_is_a_single_tap(self) -> None:
-        assert taps_radius(0.0) == 0
-        np.testing.assert_array_equal(gaussian_taps(0.0, 0), [1.0])
+        assert tap_count(0.0, 0.0) == 1
+        np.testing.assert_array_equal(gaussian_taps(0.0, 0.0, 1), [1.0])
 
-    def test_a_radius_too_small_gives_a_box(self) -> None:
-        np.testing.assert_allclose(gaussian_taps(100.0, 2), [0.2, 0.2, 0.2])
+    def test_between_bins_the_least_is_one_tap_on_each_side(self) -> None:
+        assert tap_count(0.1, 0.5) == 1
+        np.testing.assert_array_equal(gaussian_taps(0.1, 0.5, 1), [0.5])
 
-    def test_wide_taps_are_those_of_a_gaussian(self) -> None:
-        taps = gaussian_taps(400.0, taps_radius(400.0))
-        gaussian = np.exp(-(np.arange(len(taps)) ** 2) / 800) / np.sqrt(800 * np.pi)
+    def test_too_few_taps_give_a_box(self) -> None:
+        np.testing.assert_allclose(gaussian_taps(100.0, 0.0, 3), [0.2, 0.2, 0.2])
+        np.testing.assert_allclose(gaussian_taps(100.0, 0.5, 3), [1 / 6, 1 / 6, 1 / 6])
+
+    @pytest.mark.parametrize("first", [0.0, 0.5])
+    def test_wide_taps_are_those_of_a_gaussian(self, first: float) -> None:
+        taps = gaussian_taps(400.0, first, tap_count(400.0, first))
+        gaussian = np.exp(-((first + np.arange(len(taps))) ** 2) / 800) / np.sqrt(800 * np.pi)
         np.testing.assert_allclose(taps, gaussian, atol=0.02 * gaussian[0])

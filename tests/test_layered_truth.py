@@ -97,12 +97,12 @@ class TestPinhole:
 
     @pytest.mark.parametrize("sigma_pix", [0.5, 1.0])
     def test_is_the_gaussian_mean_of_the_samples_at_hand(self, sigma_pix: float) -> None:
-        """Of every sample as if in the middle of its bin; bins are a third of a pixel wide."""
+        """Of every sample as if in the middle of its bin; bins are a quarter of a pixel wide."""
         samples = sample([Plane(2.0, self.texture)], self.lens, 40, 40, 4)
         centers = np.arange(40) + 0.5
-        binned = (np.floor(samples.xy.astype(np.float64) * 3) + 0.5) / 3
+        binned = (np.floor(samples.xy.astype(np.float64) * 4) + 0.5) / 4
         distance = centers[:, None, None] - binned.reshape(-1, 2)
-        variance = sigma_pix**2 - 1 / 12 / 9
+        variance = sigma_pix**2 - 1 / 12 / 16
         weights_x, weights_y = np.moveaxis(np.exp(-(distance**2) / (2 * variance)), 2, 0)
         color = samples.color.reshape(-1, 3).astype(np.float64)
         sums = np.einsum("is,js,sc->ijc", weights_y, weights_x, np.column_stack([color, np.ones(len(color))]))

@@ -16,9 +16,9 @@ on the lens:
 4. What stays transparent is missing data, not a dark background: the image is divided by its opacity.
 
 Layers near focus hardly move over the lens. Their maps are blurred by the whole aperture at once and not
-moved, on bins of a third of a pixel so that edges in focus stay sharp. Layers far from focus are blurred by
-many pixels and get by with bins of 2, 4, 8 … pixels, magnified when a tile needs them (`_magnify`); where
-bins are many pixels, one map serves the whole image (`_coarse_maps`).
+moved, on bins of half or a quarter of a pixel so that edges in focus stay sharp. Layers far from focus are
+blurred by many pixels and get by with bins of 2, 4, 8 … pixels, magnified when a tile needs them
+(`_magnify`); where bins are many pixels, one map serves the whole image (`_coarse_maps`).
 """
 
 from __future__ import annotations
@@ -32,17 +32,13 @@ import numpy as np
 import numpy.typing as npt
 
 from fewrays.layered.plan import DEEPEST_TILE_LEVEL, FULL_WEIGHT, MAX_SLOPE, SEEN, Plan
-from fewrays.layered.slabs import NEAR
-from fewrays.layered.taps import TAPS_REACH, gaussian_taps, taps_radius
+from fewrays.layered.taps import TAPS_REACH, gaussian_taps, tap_count
 from fewrays.parallel import Execution, progress_bar
 from fewrays.samples import SampleBuffer
 
 __all__ = ["reconstruct_tiles"]
 
 Float64 = npt.NDArray[np.float64]
-
-NEAR_BINS = 3
-"""Bins per pixel of layers near focus; odd, so that a pixel's centre is the centre of a bin."""
 
 BIN_VARIANCE = 1 / 12
 """Variance along one axis of where in its bin a sample lies, in bins²."""
@@ -144,7 +140,12 @@ class _Layer:
 
     index: int
     slope: float  # mean of its samples nearby, in pixels per lens unit
-    level: int
+    level: int  # bins of 2**level pixels
+
+    @property
+    def near(self) -> bool:
+        """Whether the layer is near focus."""
+        return self.level < 0
 
 
 @dataclass(frozen=True)
@@ -218,12 +219,12 @@ def _blur_variance(layer: _Layer, plan: Plan) -> float:
     Wanted is the pixel filter's variance and that of the aperture, or of a part of it, at the layer's slope.
     Bins and interpolation have each a share in it already.
     """
-    if layer.level == NEAR:
-        variance = NEAR_BINS**2 * (plan.pixel_variance + layer.slope**2 * plan.aperture_variance)
+    if layer.near:
+        variance = (plan.pixel_variance + layer.slope**2 * plan.aperture_variance) / 4.0**layer.level
     else:
         variance = plan.pixel_variance + layer.slope**2 * plan.aperture.sigma**2 - plan.interpolation_variance
         if layer.level > 0:
-            variance = variance / 4**layer.level - MAGNIFIED_VARIANCE - SHARED_VARIANCE
+            variance = variance / 4.0**layer.level - MAGNIFIED_VARIANCE - SHARED_VARIANCE
     return max(variance - BIN_VARIANCE, 0.0)
 
 
@@ -238,17 +239,18 @@ def _filter(samples: _Flat, layer: _Layer, plan: Plan, window: _Window) -> Float
     only part of the lens sees it, and unweighted the side that more of it sees would outweigh the other.
     """
     variance = _blur_variance(layer, plan)
-    radius, bins = taps_radius(variance), NEAR_BINS if layer.level == NEAR else 1
-    hits, count = _scatter(samples, layer, window, bins, radius)
+    bins = 2 ** max(-layer.level, 0)  # along the side of a cell
+    first = 0.5 if layer.near else 0.0  # the centre of a pixel lies between bins, that of a bin in it
+    taps = gaussian_taps(variance, first, tap_count(variance, first))
+    hits, count = _scatter(samples, layer, window, bins, len(taps))
     expected = plan.spp * window.cell**2  # samples in a cell, were none hidden by what is in front
-    if layer.level == NEAR:
+    if layer.near:
         weight = count
     else:
         weight = np.minimum(count / (FULL_WEIGHT * expected), 1.0)
         hits = hits * (weight / np.maximum(count, MIN_WEIGHT))
     seen = np.minimum(count / (SEEN * expected), 1.0)
 
-    taps = gaussian_taps(variance, radius)
     down = _blur_matrix(taps, window.rows, bins)
     along = _blur_matrix(taps, window.columns, bins).T
     blurred_weight = down @ weight @ along
@@ -333,11 +335,14 @@ def _share_hits(
 
 
 def _blur_matrix(taps: Float64, cells: int, bins: int) -> Float64:
-    """Matrix (cells, bins) that blurs one axis around the central bin of every cell."""
-    radius = len(taps) - 1
-    center = radius + bins // 2 + bins * np.arange(cells)
-    distance = np.abs(np.arange(cells * bins + 2 * radius) - center[:, None])
-    return np.where(distance <= radius, taps[np.minimum(distance, radius)], 0.0)
+    """Matrix (cells, bins) that blurs one axis around the centre of every cell.
+
+    There are as many bins around the cells as there are taps on each side.
+    """
+    center = len(taps) + (bins - 1) / 2 + bins * np.arange(cells)
+    distance = np.abs(np.arange(cells * bins + 2 * len(taps)) - center[:, None])
+    tap = np.floor(distance).astype(np.intp)
+    return np.where(tap < len(taps), taps[np.minimum(tap, len(taps) - 1)], 0.0)
 
 
 # Layers far from focus.
@@ -387,9 +392,9 @@ def _reconstruct_tile(
     visible = replace(whole, rows=rows, columns=columns)
     farthest_part = float(np.abs(plan.aperture.parts[:, :2]).max())
     layers, maps = [], []
-    for layer in _layers_near(survey, plan, whole, range(NEAR, 100)):
+    for layer in _layers_near(survey, plan, whole, range(-100, 100)):
         # Pixels around the tile that some part of the aperture sees in it.
-        border = 0 if layer.level == NEAR else math.ceil(farthest_part * abs(layer.slope)) + 1
+        border = 0 if layer.near else math.ceil(farthest_part * abs(layer.slope)) + 1
         layers.append(layer)
         maps.append(_map_of_tile(samples, coarse, plan, layer, visible, border))
 
@@ -397,7 +402,7 @@ def _reconstruct_tile(
     for u, v, weight in plan.aperture.parts.astype(np.float64):
         visibility = _Visibility.of_everything(shape)
         for layer, layer_map, layer_sums in zip(layers, maps, sums, strict=True):
-            if layer.level == NEAR:
+            if layer.near:
                 layer_sums += weight * _composite_near(layer_map.bins, visibility)
             else:
                 cell = _read(layer_map, -layer.slope * u, -layer.slope * v, shape)

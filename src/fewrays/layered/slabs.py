@@ -15,13 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["NEAR", "Slabs"]
-
-NEAR = -1
-"""Level of the layers near focus, binned more finely than by pixels."""
+__all__ = ["Slabs"]
 
 _SCALE = 2.0  # pixels of blur where steps turn into ratios
-_NEAR_BLUR = 0.8  # pixels of blur below which a layer counts as near focus
+_COARSEST = 2**0.25  # side of the largest bins, in standard deviations of what blurs them
+_FINE_BLUR = 0.8, 0.3  # pixels of blur below which bins are 1/2 and 1/4 of a pixel
 
 
 @dataclass(frozen=True)
@@ -33,7 +31,7 @@ class Slabs:
     boundaries : ndarray of float32, (count - 1,)
         Slopes in pixels where one layer ends and the next begins, ascending.
     levels : ndarray of int32, (count,)
-        Bins of ``2**level`` pixels, or `NEAR`.
+        Bins of ``2**level`` pixels. Below 0 a layer counts as near focus.
     reaches : ndarray of float32, (count,)
         Largest ``|C|`` that a sample of the layer may have, in pixels.
     """
@@ -81,8 +79,9 @@ class Slabs:
 
         center = np.abs(scale * np.sinh(steps * spacing))
         blur = np.hypot(sigma_pix, center * part_sigma)
-        levels = np.maximum(np.floor(np.log2(blur)), 0).astype(np.int32)
-        levels[center * sigma_u < _NEAR_BLUR] = NEAR
+        levels = np.maximum(np.floor(np.log2(blur * _COARSEST)), 0).astype(np.int32)
+        for level, limit in enumerate(_FINE_BLUR, start=1):
+            levels[center * sigma_u < limit] = -level
         return cls(boundaries, levels, reaches)
 
     @property
