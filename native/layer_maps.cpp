@@ -82,26 +82,38 @@ FEWRAYS_CLONES void hit_corners(const float* FEWRAYS_RESTRICT x, const float* FE
     }
 }
 
+// Calls visit(k, lane) for all k < n, those of four lanes by turns: neighbours often fall into the same bin, and to
+// read what has only just been written takes long.
+constexpr int lanes = 4;
+
+template <typename Visit>
+FEWRAYS_INLINE void visit_by_turns(int n, Visit&& visit) {
+    const int each = n / lanes;
+    for (int i = 0; i < each; ++i)
+        for (int lane = 0; lane < lanes; ++lane) visit(lane * each + i, lane);
+    for (int k = lanes * each; k < n; ++k) visit(k, lanes - 1);
+}
+
 void count_each(const std::int32_t* bins, int n, float* holes) {
-    for (int k = 0; k < n; ++k) holes[bins[k]] += 1.0f;
+    visit_by_turns(n, [=](int k, int) { holes[bins[k]] += 1.0f; });
 }
 
 void add_each(const float* color, const std::int32_t* bins, int n, float* hits) {
-    for (int k = 0; k < n; ++k) {
+    visit_by_turns(n, [=](int k, int) {
         float* const hit = hits + std::ptrdiff_t{hit_channels} * bins[k];
         float sum[hit_channels];  // all of it before any is stored: else compilers add one channel after the other
         for (int channel = 0; channel < hit_channels; ++channel)
             sum[channel] = hit[channel] + color[hit_channels * k + channel];
         std::copy_n(sum, hit_channels, hit);
-    }
+    });
 }
 
 // Adds colours to two by two bins each, but those of strays.
 FEWRAYS_CLONES void share(const float* FEWRAYS_RESTRICT color, const std::int32_t* FEWRAYS_RESTRICT bins,
                           const float* FEWRAYS_RESTRICT right, const float* FEWRAYS_RESTRICT down, int n,
                           std::int32_t stray, std::ptrdiff_t line, float* FEWRAYS_RESTRICT hits) {
-    for (int k = 0; k < n; ++k) {
-        if (bins[k] == stray) continue;
+    visit_by_turns(n, [=](int k, int) {
+        if (bins[k] == stray) return;
         float pair[2 * hit_channels];  // to the left and to the right
         for (int channel = 0; channel < hit_channels; ++channel) {
             pair[channel] = (1 - right[k]) * color[hit_channels * k + channel];
@@ -111,7 +123,7 @@ FEWRAYS_CLONES void share(const float* FEWRAYS_RESTRICT color, const std::int32_
         float* FEWRAYS_RESTRICT const below = above + line;
         for (int i = 0; i < 2 * hit_channels; ++i) above[i] += (1 - down[k]) * pair[i];
         for (int i = 0; i < 2 * hit_channels; ++i) below[i] += down[k] * pair[i];
-    }
+    });
 }
 
 // A number from -1/2 to 1/2 that looks random, but is the sample's own.
@@ -427,30 +439,18 @@ void LayerMaps::sort_batch(int target_count, float left, float top) {
     split_pairs(uv_.data(), n, 0.0f, 0.0f, u_.data(), v_.data());
 }
 
-// Where each sample of a batch goes, and where each key starts. The batch's halves are counted side by side, which
-// halves the wait for one counter to be written and read again.
+// Where each sample of a batch goes, and where each key starts.
 void LayerMaps::find_places(int n, int keys) {
-    const int half = n / 2;
     start_.assign(keys + 1, 0);
-    cursor_.assign(keys, 0);
-    middle_.assign(keys, 0);
-    for (int i = 0; i < half; ++i) {
-        ++cursor_[key_[i]];
-        ++middle_[key_[half + i]];
-    }
-    if (n > 2 * half) ++middle_[key_[n - 1]];
-    std::int32_t place = 0;
+    cursors_.assign(std::size_t{lanes} * keys, 0);
+    std::int32_t *const key = key_.data(), *const place = place_.data(), *const cursors = cursors_.data();
+    visit_by_turns(n, [=](int k, int lane) { ++cursors[lane * keys + key[k]]; });
+    std::int32_t next = 0;
     for (int i = 1; i <= keys; ++i) {
-        const int key = i % keys;
-        start_[i] = place;
-        const std::int32_t first_half = std::exchange(cursor_[key], place);
-        place += first_half + std::exchange(middle_[key], place + first_half);
+        start_[i] = next;
+        for (int lane = 0; lane < lanes; ++lane) next += std::exchange(cursors[lane * keys + i % keys], next);
     }
-    for (int i = 0; i < half; ++i) {
-        place_[i] = cursor_[key_[i]]++;
-        place_[half + i] = middle_[key_[half + i]]++;
-    }
-    if (n > 2 * half) place_[n - 1] = middle_[key_[n - 1]]++;
+    visit_by_turns(n, [=](int k, int lane) { place[k] = cursors[lane * keys + key[k]]++; });
 }
 
 // Moves samples, of which the first is that of number `from` in its batch.

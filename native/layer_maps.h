@@ -115,7 +115,7 @@ private:
     std::vector<float> slope_;     // in the order of samples
     std::vector<std::int32_t> key_, place_;
     std::vector<float> xy_, uv_, c_, color_, x_, y_, u_, v_;  // sorted
-    std::vector<std::int32_t> key_of_layer_, start_, middle_, cursor_, bins_;
+    std::vector<std::int32_t> key_of_layer_, start_, cursors_, bins_;
     std::vector<float> right_, down_;
     std::vector<float> taps_, seen_, columns_blurred_, planes_, weight_, blurred_;
     std::vector<std::ptrdiff_t> tap_rows_, tap_hit_rows_, tap_columns_;

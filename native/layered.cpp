@@ -14,7 +14,7 @@ namespace fewrays {
 namespace {
 
 // Pixels that are composited at a time, to stay in the first cache.
-constexpr int patch_rows = 8, patch_columns = 64;
+constexpr int patch_rows = 8, patch_columns = 128;
 constexpr int patch_area = patch_rows * patch_columns;
 constexpr float min_opacity = 1e-3f;
 constexpr float min_covered = 1e-3f;
