@@ -20,7 +20,7 @@ from pathlib import Path
 import fewrays
 import foundation
 import sample_counts
-from contenders import FAST, FAST_OPTIONS, OURS, PLAIN, pixel_filter_of
+from contenders import BEST, BEST_OPTIONS, OURS, PLAIN, pixel_filter_of
 from example_renders import SAMPLINGS, SCENES, Scene, load_scene, require_match, require_renders
 from fewrays.baselines.accumulation import FilterShape
 from fewrays.display import Candidate, save_picture
@@ -123,8 +123,8 @@ def measure(scene: Scene, folder: Path) -> Iterator[Entry]:
             image = fewrays.reconstruct(samples, method.name)
             yield entry(scene, method.name, sampling, pixel_filter_of(method.name), image)
             if method.name == OURS:
-                fast = fewrays.reconstruct(samples, OURS, **FAST_OPTIONS)
-                yield entry(scene, FAST, sampling, pixel_filter_of(OURS), fast)
+                best = fewrays.reconstruct(samples, OURS, **BEST_OPTIONS)
+                yield entry(scene, BEST, sampling, pixel_filter_of(OURS), best)
             if method.name == PLAIN:
                 require_match(folder, scene, image)
                 yield entry(scene, DENOISER, sampling, "box", denoise(image))

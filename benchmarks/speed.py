@@ -20,7 +20,7 @@ from typing import Any
 import blur_radius
 import fewrays
 import memory_growth
-from contenders import FAST, FAST_OPTIONS, OURS, PLAIN
+from contenders import BEST, BEST_OPTIONS, OURS, PLAIN
 from example_renders import SCENES, samples_file
 from fewrays.method import Image
 from fewrays.parallel import usable_cores
@@ -127,7 +127,7 @@ def contenders() -> list[Contender]:
     """Return the denoiser, every method, and ours with the options for speed."""
     denoiser = Contender(DENOISER, lambda work, threads: denoise_filter(work.box_image, threads))
     methods = [Contender(name, prepare_method(name)) for name in fewrays.METHODS]
-    return [denoiser, methods[0], Contender(FAST, prepare_method(OURS, **FAST_OPTIONS)), *methods[1:]]
+    return [denoiser, methods[0], Contender(BEST, prepare_method(OURS, **BEST_OPTIONS)), *methods[1:]]
 
 
 def prepare_method(name: str, **options: Any) -> Callable[[Workload, int | None], Callable[[], object]]:
@@ -250,11 +250,11 @@ def verdict(work: Workload, results: Sequence[Result]) -> Iterator[str]:
         return
     seconds = {result.contender: result for result in results}
     peer = seconds[DENOISER].one.cpu_median
-    one, fast = seconds[OURS].one.cpu_median / peer, seconds[FAST].one.cpu_median / peer
-    options = ", ".join(f"`{name}={value}`" for name, value in FAST_OPTIONS.items())
+    one, best = seconds[OURS].one.cpu_median / peer, seconds[BEST].one.cpu_median / peer
+    options = ", ".join(f"`{name}={value}`" for name, value in BEST_OPTIONS.items())
     text = (
         f"Target: `{OURS}` takes at most {work.target:g} times the CPU seconds of {DENOISER} on one core. "
-        f"{met(one <= work.target)}: {one:.2f} times; with {options} {fast:.2f} times."
+        f"{met(one <= work.target)}: {one:.2f} times; with {options} {best:.2f} times."
     )
     if (work.samples.width, work.samples.height) != (WIDTH, HEIGHT):
         text += (

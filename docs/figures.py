@@ -544,7 +544,7 @@ def spacing() -> None:
     truths = {"floor": floor_truth(), "leaves": leaves_truth()}
     rows: list[list[object]] = []
     default = LayeredOptions().layer_spacing
-    steps = sorted({0.08, 0.11, default, 0.2, 0.28, 0.4, 0.7, 1.0})
+    steps = sorted({0.07, default, 0.14, 0.2, 0.28, 0.4, 0.7, 1.0})
     choices: dict[float, dict[str, Any]] = {step: {"layer_spacing": step} for step in steps}
     for step, options in choices.items():
         row: list[object] = [f"{step:g}{' (default)' if step == default else ''}"]
@@ -616,30 +616,30 @@ def place() -> None:
 
 def parts() -> None:
     """Split the aperture in parts: how well they add up to it, and what they gain."""
-    u = np.linspace(-4, 4, 4001)
+    axis = np.linspace(-4, 4, 401)
+    u = np.stack(np.meshgrid(axis, axis), axis=-1)
     rows: list[tuple[object, ...]] = []
     inputs = {"leaves": leaves_samples(), "two discs": two_discs_samples(24, 14)}
     truths = {"leaves": leaves_truth(), "two discs": two_discs(24, 14)["truth"]}
-    counts = (1, 2, 3, 4, 5)
-    times = relative_times(wide_leaves(), [{"aperture_parts": n} for n in counts], 2)
+    counts = ApertureParts.COUNTS
+    times = relative_times(wide_leaves(), [{"aperture_parts": n} for n in counts], 1)
     shown: list[list[Panel]] = [[], [], []]
     for n, ratio in zip(counts, times, strict=True):
         split = ApertureParts.split(1.0, n)
-        axis = split.parts[:n].astype(np.float64)  # one row of parts
-        weights = axis[:, 2] / axis[:, 2].sum()
-        mixture = np.exp(-0.5 * ((u[:, None] - axis[:, 0]) / split.sigma) ** 2) @ weights / split.sigma
-        deviation = 100 * np.abs(mixture - np.exp(-0.5 * u**2)).max()
+        distance2 = ((u[..., None, :] - split.parts[:, :2].astype(np.float64)) ** 2).sum(axis=-1)
+        mixture = np.exp(-0.5 * distance2 / split.sigma**2) @ split.parts[:, 2] / split.sigma**2
+        deviation = 100 * np.abs(mixture - np.exp(-0.5 * (u**2).sum(axis=-1))).max()
         images = {name: reconstruct(samples, aperture_parts=n) for name, samples in inputs.items()}
         psnr = {name: quality(image, truths[name]) for name, image in images.items()}
         rows.append((n, f"{split.sigma:.2f}", f"{deviation:.1f}", *psnr.values(), f"{ratio:.2f}"))
-        if n in (1, 2, 4):
-            title = f"{n} part{'s' * (n > 1)} along an axis"
+        if n in (1, 7, 19):
+            title = f"{n} part{'s' * (n > 1)}"
             off = {name: difference(inner(image), inner(truths[name]), 4) for name, image in images.items()}
             shown[0].append(Panel(enlarge(off["leaves"], 2), title, f"leaves, {psnr['leaves']:.1f} dB"))
             discs_shown = tone_map(inner(images["two discs"]))
             shown[1].append(Panel(enlarge(discs_shown, 4), f"two discs, {psnr['two discs']:.1f} dB"))
             shown[2].append(Panel(enlarge(off["two discs"], 4)))
-    head = ("aperture_parts", "r", "worst error of the sum, % of its peak", "leaves, dB", "two discs, dB")
+    head = ("aperture_parts", "width", "worst error of the sum, % of its peak", "leaves, dB", "two discs, dB")
     print_table("parts", (*head, "CPU time, leaves"), rows)
     shown[0].append(Panel(enlarge(tone_map(inner(truths["leaves"])), 2), "truth"))
     shown[1].append(Panel(enlarge(tone_map(inner(truths["two discs"])), 4), "truth"))
@@ -652,7 +652,7 @@ def covariance() -> None:
     x = np.linspace(-30, 30, 601)
     rows: list[tuple[object, ...]] = []
     cases = ((-16.0, 14.0), (-16.0, -9.0), (-16.0, 5.0), (8.0, 14.0))
-    for n in (1, 2, 3, 4, 5):
+    for n in ApertureParts.COUNTS:
         row: list[object] = [n]
         for front, back in cases:
             truth = _edges_truth(x, front, back, sigma, pixel)
@@ -670,7 +670,7 @@ def covariance() -> None:
         ("truth", INK, 0.5, _edges_truth(x, front, back, sigma, pixel)),
         ("product of the means", BLUE, 0.44, _edges_estimate(x, front, back, sigma, pixel, 1, 0)),
         ("first order", ORANGE, 0.38, _edges_estimate(x, front, back, sigma, pixel, 1, 1)),
-        ("first order, 3 parts", GREEN, 0.32, _edges_estimate(x, front, back, sigma, pixel, 3, 1)),
+        ("first order, 7 parts", GREEN, 0.32, _edges_estimate(x, front, back, sigma, pixel, 7, 1)),
     ):
         plot.line(list(zip(x.tolist(), values.tolist(), strict=True)), color, 2)
         plot.text(-23, y, name, color)
@@ -699,7 +699,7 @@ def _edges_estimate(
     """Estimate the same from each part's means and, to first order, their covariance."""
     split = ApertureParts.split(sigma**2, count)
     result = np.zeros_like(x)
-    for u, _, weight in split.parts[:count].astype(np.float64):
+    for u, _, weight in split.parts.astype(np.float64):
         passed, present = math.hypot(pixel, front * split.sigma), math.hypot(pixel, back * split.sigma)
         a, b = (x - front * u) / passed, -(x - back * u) / present
         slope_a, slope_b = (np.exp(-0.5 * t**2) / math.sqrt(2 * math.pi) for t in (a, b))
@@ -707,7 +707,7 @@ def _edges_estimate(
         mean_a, mean_b = _normal_cdf(a), _normal_cdf(b)
         together = mean_a * mean_b + order * split.sigma**2 * front * back * gradients
         bounded = np.clip(together, np.maximum(mean_a + mean_b - 1, 0), np.minimum(mean_a, mean_b))
-        result += weight / split.parts[:count, 2].sum() * bounded
+        result += weight * bounded
     return result
 
 
@@ -827,7 +827,8 @@ def options() -> None:
         "aperture_parts=1": {"aperture_parts": 1},
         "layer_spacing=0.3": {"layer_spacing": 0.3},
         "(defaults)": {},
-        "layer_spacing=0.1, aperture_parts=5": {"layer_spacing": 0.1, "aperture_parts": 5},
+        "aperture_parts=13": {"aperture_parts": 13},
+        "aperture_parts=19": {"aperture_parts": 19},
         "tile=32": {"tile": 32},
         "tile=256": {"tile": 256},
     }
@@ -935,7 +936,7 @@ def _discs_left() -> None:
         samples = two_discs_samples(24, 14, spp)
         for name, image in (
             ("published", reconstruct(samples, PUBLISHED)),
-            *((f"aperture_parts={n}", reconstruct(samples, aperture_parts=n)) for n in (1, 4, 5)),
+            *((f"aperture_parts={n}", reconstruct(samples, aperture_parts=n)) for n in (1, 7, 19)),
         ):
             rows.append((f"{spp} spp", name, *_loss(truth, image)))
     print_table(

@@ -81,7 +81,7 @@ def test_bins_grow_with_the_distance_from_focus(ends: tuple[float, float], spaci
 
 
 def test_bins_are_no_wider_than_the_blur() -> None:
-    """Or by a fifth at most (the blur of one part of the aperture); nor half as wide, which would be a waste."""
+    """Or by a fifth at most; nor half as wide, a waste. The blur is that of one part of the aperture."""
     slabs = covering(-2000, 2000)
     inner = np.arange(1, slabs.count - 1)
     center = (slabs.boundaries[:-1] + slabs.boundaries[1:]).astype(np.float64) / 2

@@ -173,7 +173,7 @@ class TestAnyBlurRadius:
 
     @staticmethod
     def on_pixels(samples: SampleBuffer) -> Image:
-        plan = Plan.for_samples(samples, sigma_pix=0.5, layer_spacing=0.16, aperture_parts=3, tile=144)
+        plan = Plan.for_samples(samples, sigma_pix=0.5, layer_spacing=0.16, aperture_parts=7, tile=144)
         assert plan.slabs.levels.max() >= 3
         slabs = replace(plan.slabs, levels=np.minimum(plan.slabs.levels, 0))
         image = np.zeros((samples.height, samples.width, 3), np.float32)

@@ -15,6 +15,7 @@ import numpy as np
 
 from fewrays.errors import require_option
 from fewrays.layered import kernel, reference
+from fewrays.layered.aperture import ApertureParts
 from fewrays.layered.plan import Plan
 from fewrays.method import Method, Reconstruction
 from fewrays.parallel import Execution
@@ -29,12 +30,12 @@ class LayeredOptions:
 
     sigma_pix: float = 0.5
     """Standard deviation of the Gaussian pixel filter, in pixels."""
-    layer_spacing: float = 0.12
+    layer_spacing: float = 0.09
     """Thickness of a depth layer: about the share by which slopes differ far from focus, and six times as
     many pixels of slope near focus. Larger is faster and less sharp at occlusions."""
-    aperture_parts: int = 4
-    """Parts of the aperture along one axis whose visibility is resolved apart: 1 is fastest, more are truer
-    where blurred things cover each other. 5 for best quality, 2 for speed."""
+    aperture_parts: int = 7
+    """Parts of the aperture whose visibility is resolved apart: 1, 7, 13 or 19. More are slower, and truer
+    where blurred things cover each other."""
     tile: int = 128
     """Side of a tile in pixels; a matter of speed."""
 
@@ -43,7 +44,10 @@ class LayeredOptions:
         require_option(
             "layer_spacing", self.layer_spacing, 0.05 <= self.layer_spacing <= 1.0, "from 0.05 to 1"
         )
-        require_option("aperture_parts", self.aperture_parts, 1 <= self.aperture_parts <= 5, "from 1 to 5")
+        counts = ApertureParts.COUNTS
+        require_option(
+            "aperture_parts", self.aperture_parts, self.aperture_parts in counts, f"one of {counts}"
+        )
         require_option("tile", self.tile, 16 <= self.tile <= 256, "from 16 to 256 px")
 
 

@@ -2,11 +2,9 @@
 
 The paper averages opacity over the whole lens before it composites the layers (Eq. 34), which loses all
 knowledge of *where* on the lens a layer covers another. Over a part of the lens less is lost. A Gaussian
-aperture of standard deviation s is split, along each axis, into n Gaussians of standard deviation r s with
-binomial weights, spaced by 2 r s so that their sum comes close to the Gaussian again (within 7 % of its
-peak for n = 3); the spacing's variance and r² add up to 1:
-
-    r² = 1 / n.
+aperture is split into narrower ones, all alike, whose centres lie on a hexagonal lattice: the densest there
+is, and the one whose sum looks least like a lattice. Their weights fall off like a Gaussian, so that the sum
+comes close to the aperture again, within 7 % of its peak, and exactly in its variance.
 """
 
 from __future__ import annotations
@@ -14,6 +12,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -22,36 +21,52 @@ from fewrays.lens import Lens
 
 __all__ = ["ApertureParts", "aperture_variance"]
 
-_SPACING = 2.0  # of the parts, in standard deviations of a part
+_SPACING = 2.3  # of neighbouring parts, in standard deviations of a part
+_SPREAD = {1: 1.0, 7: 2.3, 13: 3.0, 19: 3.8}
+"""Variance of the Gaussian that weighs the parts, in variances of a part, by the number of parts: that with
+which the sum of all parts comes closest to a Gaussian, by the largest difference."""
 
 
 @dataclass(frozen=True)
 class ApertureParts:
-    """Parts of an aperture.
+    """Parts of an aperture: Gaussians that add up to one, on a hexagonal lattice around its centre.
 
     Parameters
     ----------
-    parts : ndarray of float32, (n * n, 3)
+    parts : ndarray of float32, (count, 3)
         Centre (u, v) in lens units and weight; the weights add up to 1.
     sigma : float
         Standard deviation of a part along one axis, in lens units.
     central_weight : float
-        Weight, along one axis, of parts whose centre is at 0.
+        Weight of the parts whose centre is at 0 along one axis, the mean of both axes.
     """
 
     parts: npt.NDArray[np.float32]
     sigma: float
     central_weight: float
 
+    COUNTS: ClassVar[tuple[int, ...]] = tuple(_SPREAD)
+    """How many parts there can be: one, and one, two or three rings of six around it."""
+
     @classmethod
-    def split(cls, variance: float, per_axis: int) -> ApertureParts:
-        """Split a Gaussian aperture of the given variance (lens units²) into ``per_axis²`` parts."""
-        sigma = math.sqrt(variance / (1 + 0.25 * _SPACING**2 * (per_axis - 1)))
-        offsets = _SPACING * sigma * (np.arange(per_axis) - (per_axis - 1) / 2)
-        weights = np.array([math.comb(per_axis - 1, i) for i in range(per_axis)]) / 2.0 ** (per_axis - 1)
-        axis = list(zip(offsets, weights, strict=True))
-        parts = np.array([(u, v, p * q) for (v, q), (u, p) in itertools.product(axis, axis)], np.float32)
-        return cls(parts, sigma, float(weights[per_axis // 2]) if per_axis % 2 else 0.0)
+    def split(cls, variance: float, count: int) -> ApertureParts:
+        """Split a Gaussian aperture of the given variance (lens units²) into one of `COUNTS` parts."""
+        centers = _hexagonal_lattice(count) * _SPACING  # for parts of variance 1
+        weights = np.exp(-(centers**2).sum(axis=1) / (2 * _SPREAD[count]))
+        weights /= weights.sum()
+        sigma = math.sqrt(variance / (1 + 0.5 * (weights[:, None] * centers**2).sum()))
+        central_weight = float((weights[:, None] * (centers == 0)).sum() / 2)
+        return cls(np.column_stack([sigma * centers, weights]).astype(np.float32), sigma, central_weight)
+
+
+def _hexagonal_lattice(count: int) -> npt.NDArray[np.float64]:
+    """Return the points (count, 2) of a hexagonal lattice of spacing 1 that are closest to its centre, 0."""
+    reach = range(-3, 4)
+    # In units of half a spacing along u, and of half a spacing times √3 along v, points are whole numbers.
+    points = np.array([(2 * i + j, j) for i, j in itertools.product(reach, reach)])
+    distance2 = (points**2 * (1, 3)).sum(axis=1)
+    nearest = np.argsort(distance2, kind="stable")[:count]
+    return points[nearest] * (0.5, 0.5 * math.sqrt(3))
 
 
 def aperture_variance(lens: Lens) -> float:

@@ -54,7 +54,7 @@ def gaussian_taps(variance: float, first: float, count: int) -> Float64:
         Taps at the distances first, first + 1, …. A kernel has each twice, but that at 0, and then adds up
         to 1.
     """
-    distance2 = (first + np.arange(count)) ** 2
+    distance2 = (first + np.arange(count, dtype=np.float64)) ** 2
     twice = np.where(distance2 > 0, 2.0, 1.0)
     exponent = _exponent_of_variance(variance, distance2, twice) if count > 1 else 0.0
     taps = np.exp(-exponent * (distance2 - distance2[0]))
