@@ -30,7 +30,7 @@ class LayeredOptions:
 
     sigma_pix: float = 0.5
     """Standard deviation of the Gaussian pixel filter, in pixels."""
-    layer_spacing: float = 0.09
+    layer_spacing: float = 0.1
     """Thickness of a depth layer: about the share by which slopes differ far from focus, and six times as
     many pixels of slope near focus. Larger is faster and less sharp at occlusions."""
     aperture_parts: int = 7
