@@ -47,13 +47,8 @@ BlockLayers make_block_layers(int block, Array<const float, -1, -1, 4> extents,
     return {block, reinterpret_cast<const Extent*>(extents.data()), counts.data(), slope_sums.data()};
 }
 
-CoarseMap make_coarse_map(int layer, int margin, Array<float, -1, -1, 5, -1, -1> values) {
-    return {values.data(),
-            layer,
-            static_cast<int>(values.shape(0)),
-            static_cast<int>(values.shape(1)),
-            static_cast<int>(values.shape(3)),
-            margin};
+CoarseMap make_coarse_map(int layer, Array<float, 5, -1, -1> values) {
+    return {values.data(), layer, static_cast<int>(values.shape(1)), static_cast<int>(values.shape(2))};
 }
 
 }  // namespace
@@ -146,14 +141,15 @@ NB_MODULE(_native, m) {
         .def(
             "__init__",
             [](LayeredPlan* self, int tile, Array<const float, -1> boundaries, Array<const std::int32_t, -1> levels,
-               int deepest_tile_level, Array<const float, -1> reaches, double pixel_variance, double aperture_variance,
-               double part_variance, Array<const float, -1, 3> parts, float interpolation, float full_weight,
-               float seen) {
+               int deepest_tile_level, int map_margin, Array<const float, -1> reaches, double pixel_variance,
+               double aperture_variance, double part_variance, Array<const float, -1, 3> parts, float interpolation,
+               float full_weight, float seen) {
                 new (self) LayeredPlan{tile,
                                        static_cast<int>(levels.shape(0)),
                                        boundaries.data(),
                                        levels.data(),
                                        deepest_tile_level,
+                                       map_margin,
                                        reaches.data(),
                                        pixel_variance,
                                        aperture_variance,
@@ -164,8 +160,8 @@ NB_MODULE(_native, m) {
                                        full_weight,
                                        seen};
             },
-            nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>(), nb::keep_alive<1, 6>(), nb::keep_alive<1, 10>(),
-            nb::kw_only(), "tile"_a, "boundaries"_a, "levels"_a, "deepest_tile_level"_a, "reaches"_a,
+            nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>(), nb::keep_alive<1, 7>(), nb::keep_alive<1, 11>(),
+            nb::kw_only(), "tile"_a, "boundaries"_a, "levels"_a, "deepest_tile_level"_a, "map_margin"_a, "reaches"_a,
             "pixel_variance"_a, "aperture_variance"_a, "part_variance"_a, "parts"_a, "interpolation"_a, "full_weight"_a,
             "seen"_a);
     nb::class_<BlockLayers>(m, "BlockLayers")
@@ -180,10 +176,17 @@ NB_MODULE(_native, m) {
     nb::class_<CoarseMap>(m, "CoarseMap")
         .def(
             "__init__",
-            [](CoarseMap* self, int layer, int margin, Array<float, -1, -1, 5, -1, -1> values) {
-                new (self) CoarseMap(make_coarse_map(layer, margin, values));
+            [](CoarseMap* self, int layer, Array<float, 5, -1, -1> values) {
+                new (self) CoarseMap(make_coarse_map(layer, values));
             },
-            nb::keep_alive<1, 4>(), "layer"_a, "margin"_a, "values"_a);
+            nb::keep_alive<1, 3>(), "layer"_a, "values"_a);
+    nb::class_<CoarsePass>(m, "CoarsePass")
+        .def(
+            "__init__",
+            [](CoarsePass* self, int first_level, int last_level, int side, int margin, int columns) {
+                new (self) CoarsePass{first_level, last_level, side, margin, columns};
+            },
+            nb::kw_only(), "first_level"_a, "last_level"_a, "side"_a, "margin"_a, "columns"_a);
 
     m.def(
         "block_layers",
@@ -197,12 +200,11 @@ NB_MODULE(_native, m) {
         nb::call_guard<nb::gil_scoped_release>());
     m.def(
         "coarse_tiles",
-        [](const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan,
-           const std::vector<CoarseMap>& maps, int first_level, int last_level, int first, int last) {
-            coarse_tiles(samples, blocks, plan, maps.data(), static_cast<int>(maps.size()), first_level, last_level,
-                         first, last);
+        [](const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan, const CoarsePass& pass,
+           const std::vector<CoarseMap>& maps, int first, int last) {
+            coarse_tiles(samples, blocks, plan, pass, maps.data(), static_cast<int>(maps.size()), first, last);
         },
-        "samples"_a, "blocks"_a, "plan"_a, "maps"_a, "first_level"_a, "last_level"_a, "first"_a, "last"_a,
+        "samples"_a, "blocks"_a, "plan"_a, "coarse_pass"_a, "maps"_a, "first"_a, "last"_a,
         nb::call_guard<nb::gil_scoped_release>());
     m.def(
         "layered_tiles",

@@ -246,7 +246,12 @@ public:
         const SplineWeights weights(size);
         FilteredMap map{nullptr, rows, whole_groups(columns)};
         // A pair of columns may begin at the last.
-        memory.resize(static_cast<std::size_t>(channel_count * map.plane()) + 1);
+        const auto size_in_memory = static_cast<std::size_t>(channel_count * map.plane()) + 1;
+        if (size_in_memory > memory.capacity()) {  // no more than that, and nothing to move
+            memory = {};
+            memory.reserve(size_in_memory);
+        }
+        memory.resize(size_in_memory);
         map.values = memory.data();
         for (auto& line : lines_) line.resize(loaded_bins);
         between_.resize(loaded_bins);
@@ -284,18 +289,8 @@ private:
     std::vector<float> lines_[3], between_, pixels_;
 };
 
-// Copies a piece of a row of bins out of the tiles of a map that hold it.
-void load_bins(const CoarseMap& map, int channel, int row, int first, int count, float* out) {
-    const std::ptrdiff_t area = std::ptrdiff_t{map.tile} * map.tile;
-    for (int i = 0; i < count;) {
-        const int column = first + i, in_tile = column % map.tile;
-        const int run = std::min(count - i, map.tile - in_tile);
-        const std::ptrdiff_t tile = std::ptrdiff_t{row / map.tile} * map.columns + column / map.tile;
-        const float* const source =
-            map.values + (tile * channel_count + channel) * area + std::ptrdiff_t{row % map.tile} * map.tile + in_tile;
-        std::memcpy(out + i, source, sizeof(float) * static_cast<std::size_t>(run));
-        i += run;
-    }
+const float* bins_of(const CoarseMap& map, int channel, int row, int column) {
+    return map.values + (std::ptrdiff_t{channel} * map.rows + row) * map.columns + column;
 }
 
 // One thread's working memory, and the stages of a tile in the order in which they run.
@@ -419,12 +414,12 @@ private:
     // False if the layer is transparent all over the place.
     bool magnify_coarse(const TileLayer& layer, PlacedMap& place, int left, int top) {
         const CoarseMap& coarse = map_of_layer(coarse_, coarse_count_, layer.layer);
-        const int margin = coarse.margin << layer.level;
+        const int margin = plan_.map_margin << layer.level;
         if (!shrink(coarse, layer.level, top + margin, left + margin, place)) return false;
         place.map = magnifier_.run(layer.level, top + place.top + margin, left + place.left + margin, place.rows,
-                                   place.columns, coarse.rows * coarse.tile, coarse.columns * coarse.tile,
-                                   next_magnified(), [&](int channel, int row, int first, int count, float* out) {
-                                       load_bins(coarse, channel, row, first, count, out);
+                                   place.columns, coarse.rows, coarse.columns, next_magnified(),
+                                   [&](int channel, int row, int first, int count, float* out) {
+                                       std::copy_n(bins_of(coarse, channel, row, first), count, out);
                                    });
         return true;
     }
@@ -436,19 +431,18 @@ private:
             const int first = std::clamp(first_pixel / size - 2, 0, limit - 1);
             return Span{first, std::clamp((first_pixel + pixels) / size + 3, first + 1, limit)};
         };
-        const Span rows = bins(top + place.top, place.rows, coarse.rows * coarse.tile);
-        const Span columns = bins(left + place.left, place.columns, coarse.columns * coarse.tile);
+        const Span rows = bins(top + place.top, place.rows, coarse.rows);
+        const Span columns = bins(left + place.left, place.columns, coarse.columns);
         Span opaque_rows{rows.end, rows.first}, opaque_columns{columns.end, columns.first};
-        line_.resize(columns.end - columns.first);
         for (int row = rows.first; row < rows.end; ++row) {
-            load_bins(coarse, opacity, row, columns.first, columns.end - columns.first, line_.data());
-            const auto is_opaque = [](float value) { return value > 0; };
-            const auto first = std::find_if(line_.begin(), line_.end(), is_opaque);
-            if (first == line_.end()) continue;
-            const auto last = std::find_if(line_.rbegin(), line_.rend(), is_opaque);
+            const float* const bins_here = bins_of(coarse, opacity, row, 0);
+            const auto transparent = [&](int column) { return bins_here[column] <= 0; };
+            int first = columns.first, end = columns.end;
+            while (first < end && transparent(first)) ++first;
+            if (first == end) continue;
+            while (transparent(end - 1)) --end;
             opaque_rows = {std::min(opaque_rows.first, row), row + 1};
-            opaque_columns = {std::min(opaque_columns.first, columns.first + static_cast<int>(first - line_.begin())),
-                              std::max(opaque_columns.end, columns.end - static_cast<int>(last - line_.rbegin()))};
+            opaque_columns = {std::min(opaque_columns.first, first), std::max(opaque_columns.end, end)};
         }
         const auto pixels = [&](const Span& opaque_bins, int origin, int& first, int& count) {
             // One more on each side: a pixel is read along with the next.
@@ -589,7 +583,6 @@ private:
 
     std::vector<TileLayer> layers_;
     std::vector<LayerTarget> targets_;
-    std::vector<float> line_;
     std::vector<FilteredMap> filtered_;
     std::vector<std::vector<float>> magnified_;
     std::size_t magnified_count_ = 0;
@@ -648,34 +641,39 @@ void block_layers(const Samples& samples, const LayeredPlan& plan, float margin,
     }
 }
 
-void coarse_tiles(const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan, const CoarseMap* maps,
-                  int map_count, int first_level, int last_level, int first, int last) {
+void coarse_tiles(const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan, const CoarsePass& pass,
+                  const CoarseMap* maps, int map_count, int first, int last) {
     LayerMaps layer_maps(samples, blocks, plan);
-    const int level = plan.levels[maps[0].layer], side = maps[0].tile << level, margin = maps[0].margin << level;
     for (int tile = first; tile < last; ++tile) {
-        const int left = side * (tile % maps[0].columns) - margin, top = side * (tile / maps[0].columns) - margin;
+        const int left = pass.side * (tile % pass.columns) - pass.margin;
+        const int top = pass.side * (tile / pass.columns) - pass.margin;
         const auto x = static_cast<float>(left), y = static_cast<float>(top);
-        // No farther than the parts of the aperture may look out of the image.
-        const int width = std::min(side, samples.width + margin - left);
-        const int height = std::min(side, samples.height + margin - top);
-        const Rectangle pixels{x, x + static_cast<float>(width), y, y + static_cast<float>(height)};
-        std::vector<LayerTarget> targets = layer_maps.layers_near(pixels, first_level, last_level);
+        const int width = std::min(pass.side, samples.width + pass.margin - left);
+        const int height = std::min(pass.side, samples.height + pass.margin - top);
+        std::vector<LayerTarget> targets = layer_maps.layers_near(
+            {x, x + static_cast<float>(width), y, y + static_cast<float>(height)}, pass.first_level, pass.last_level);
         std::erase_if(targets, [&](LayerTarget& target) {
-            const int cell = static_cast<int>(target.cell);
-            return !target.want(0.0f, 0.0f, (height + cell - 1) / cell, (width + cell - 1) / cell, x, y);
+            const int cell = static_cast<int>(target.cell), around = plan.map_margin * cell;
+            // Bins of the tile that are in the map.
+            const auto bins = [&](int start, int image) {
+                const int first_bin = std::max(-around - start, 0) / cell;
+                return Span{first_bin, (std::min(pass.side, image + around - start) + cell - 1) / cell};
+            };
+            const Span rows = bins(top, samples.height), columns = bins(left, samples.width);
+            return rows.first >= rows.end || columns.first >= columns.end ||
+                   !target.want(static_cast<float>(columns.first * cell), static_cast<float>(rows.first * cell),
+                                rows.end - rows.first, columns.end - columns.first, x, y);
         });
         const std::vector<FilteredMap> filtered = layer_maps.filter(targets, x, y);
         for (std::size_t i = 0; i < targets.size(); ++i) {
             const LayerTarget& target = targets[i];
             const CoarseMap& map = map_of_layer(maps, map_count, target.layer);
-            const std::ptrdiff_t area = std::ptrdiff_t{map.tile} * map.tile;
-            float* const out = map.values + tile * channel_count * area +
-                               static_cast<std::ptrdiff_t>(target.top / target.cell) * map.tile +
-                               static_cast<std::ptrdiff_t>(target.left / target.cell);
+            const int column = static_cast<int>((x + target.left) / target.cell) + plan.map_margin;
+            const int row = static_cast<int>((y + target.top) / target.cell) + plan.map_margin;
             for (int channel = 0; channel < channel_count; ++channel)
-                for (int row = 0; row < target.rows; ++row)
-                    std::memcpy(out + channel * area + std::ptrdiff_t{row} * map.tile,
-                                filtered[i].channel(channel) + std::ptrdiff_t{row} * filtered[i].stride,
+                for (int k = 0; k < target.rows; ++k)
+                    std::memcpy(map.values + (std::ptrdiff_t{channel} * map.rows + row + k) * map.columns + column,
+                                filtered[i].channel(channel) + std::ptrdiff_t{k} * filtered[i].stride,
                                 sizeof(float) * static_cast<std::size_t>(target.columns));
         }
     }

@@ -13,6 +13,7 @@ struct LayeredPlan {
     const float* boundaries;     // (layer_count - 1): slopes where one layer ends and the next begins, ascending
     const std::int32_t* levels;  // (layer_count): bins of 2^level pixels; below 0: near focus
     int deepest_tile_level;      // layers up to this level are filtered tile by tile, others as maps of the image
+    int map_margin;              // bins of these around the image that the parts of the aperture may look at
     const float* reaches;        // (layer_count): largest |slope| of a sample
     double pixel_variance;       // of the pixel filter along one axis, in pixels²
     double aperture_variance;    // of the aperture along one axis, in lens units²
@@ -39,13 +40,17 @@ struct BlockLayersOutput {
     float* slope_sums;
 };
 
-// The filtered map of a coarse layer over the image and some bins around it, tile after tile:
-// (tile rows, tile columns, 5, tile, tile).
+// The filtered map of a coarse layer over the image and `map_margin` bins around it: (5, rows, columns).
 struct CoarseMap {
     float* values;
     int layer;
-    int rows, columns;  // in tiles
-    int tile, margin;   // side of a tile, and what lies to the left of and above the image, in bins
+    int rows, columns;  // of bins
+};
+
+// Levels of coarse layers that are filtered together, tile by tile.
+struct CoarsePass {
+    int first_level, last_level;
+    int side, margin, columns;  // of a tile, and of the tiles to the left of and above the image, in pixels; of tiles
 };
 
 struct LayeredOutput {
@@ -60,9 +65,9 @@ constexpr float max_slope = 32768.0f;  // pixels; beyond, a sample's light is sp
 void block_layers(const Samples& samples, const LayeredPlan& plan, float margin, int first, int last,
                   const BlockLayersOutput& output);
 
-// Fills tiles [first, last) of the maps of all layers of some levels; the tiles cover the same pixels in all of them.
-void coarse_tiles(const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan, const CoarseMap* maps,
-                  int map_count, int first_level, int last_level, int first, int last);
+// Fills tiles [first, last) of the maps of all layers of a pass.
+void coarse_tiles(const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan, const CoarsePass& pass,
+                  const CoarseMap* maps, int map_count, int first, int last);
 
 // Reconstructs tiles [first, last) of the image; `maps` are those of all coarse layers, in the order of layers.
 void layered_tiles(const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan, const CoarseMap* maps,

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fewrays import _native
-from fewrays.layered.plan import DEEPEST_TILE_LEVEL, FULL_WEIGHT, SEEN, Plan
+from fewrays.layered.plan import DEEPEST_TILE_LEVEL, FULL_WEIGHT, MAP_MARGIN, SEEN, Plan
 from fewrays.native_view import view_samples
 from fewrays.parallel import Execution, map_ranges, usable_cores
 from fewrays.samples import SampleBuffer
@@ -31,6 +31,7 @@ def reconstruct_tiles(
         boundaries=plan.slabs.boundaries,
         levels=plan.slabs.levels,
         deepest_tile_level=DEEPEST_TILE_LEVEL,
+        map_margin=MAP_MARGIN,
         reaches=plan.slabs.reaches,
         pixel_variance=plan.pixel_variance,
         aperture_variance=plan.aperture_variance,
@@ -87,21 +88,22 @@ def _coarse_maps(
     """Filter the layers that are blurred enough for bins of several pixels."""
     maps = []
     for each in plan.coarse_passes():
-        # Fresh zeros take no memory before they are written, so tiles that lack a layer cost nothing.
+        levels = plan.slabs.levels
+        # Fresh zeros take no memory before they are written, so places that lack a layer cost nothing.
         of_pass = [
-            _native.CoarseMap(
-                int(layer),
-                each.margin >> int(plan.slabs.levels[layer]),
-                np.zeros(
-                    (each.rows, each.columns, 5, *(2 * [each.side >> int(plan.slabs.levels[layer])])),
-                    np.float32,
-                ),
-            )
-            for layer in np.flatnonzero((plan.slabs.levels >= each.first) & (plan.slabs.levels <= each.last))
+            _native.CoarseMap(int(layer), np.zeros((5, *plan.map_shape(int(levels[layer]))), np.float32))
+            for layer in np.flatnonzero((levels >= each.first) & (levels <= each.last))
         ]
         if not of_pass:
             continue
-        fill = partial(_native.coarse_tiles, view, blocks, native_plan, of_pass, each.first, each.last)
+        native_pass = _native.CoarsePass(
+            first_level=each.first,
+            last_level=each.last,
+            side=each.side,
+            margin=each.margin,
+            columns=each.columns,
+        )
+        fill = partial(_native.coarse_tiles, view, blocks, native_plan, native_pass, of_pass)
         map_ranges(fill, each.rows * each.columns, execution, label="far layers", chunk=1)
         maps += of_pass
     return maps

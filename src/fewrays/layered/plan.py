@@ -126,6 +126,11 @@ class Plan(Tiling):
         """Pixels around the image beyond which no sample can reach it."""
         return 4 * float(self.slabs.reaches.max()) + 64.0
 
+    def map_shape(self, level: int) -> tuple[int, int]:
+        """Rows and columns of a coarse layer's map: bins for the image and `MAP_MARGIN` more on each side."""
+        rows, columns = (-(-extent // 2**level) + 2 * MAP_MARGIN for extent in (self.height, self.width))
+        return rows, columns
+
     def coarse_passes(self) -> list[CoarsePass]:
         """How the layers beyond `DEEPEST_TILE_LEVEL` are filtered: two levels at a time, or more.
 
@@ -157,7 +162,8 @@ class CoarsePass:
     side : int
         Of a tile, in pixels.
     margin : int
-        What the maps hold to the left of and above the image, in pixels; beyond it they hold as much or more.
+        How far the tiles begin to the left of and above the image, in pixels; beyond it they end as far or
+        farther.
     rows, columns : int
         Tiles.
     """
