@@ -639,7 +639,13 @@ def parts() -> None:
             discs_shown = tone_map(inner(images["two discs"]))
             shown[1].append(Panel(enlarge(discs_shown, 4), f"two discs, {psnr['two discs']:.1f} dB"))
             shown[2].append(Panel(enlarge(off["two discs"], 4)))
-    head = ("aperture_parts", "width of a part in s", "worst error of the sum, % of its peak", "leaves, dB", "two discs, dB")
+    head = (
+        "aperture_parts",
+        "width of a part in s",
+        "worst error of the sum, % of its peak",
+        "leaves, dB",
+        "two discs, dB",
+    )
     print_table("parts", (*head, "CPU time, leaves"), rows)
     shown[0].append(Panel(enlarge(tone_map(inner(truths["leaves"])), 2), "truth"))
     shown[1].append(Panel(enlarge(tone_map(inner(truths["two discs"])), 4), "truth"))

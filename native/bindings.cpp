@@ -143,7 +143,7 @@ NB_MODULE(_native, m) {
             [](LayeredPlan* self, int tile, Array<const float, -1> boundaries, Array<const std::int32_t, -1> levels,
                int deepest_tile_level, int map_margin, Array<const float, -1> reaches, double pixel_variance,
                double aperture_variance, double part_variance, Array<const float, -1, 3> parts, float interpolation,
-               float full_weight, float seen) {
+               float full_weight, float seen, int finest_by_place) {
                 new (self) LayeredPlan{tile,
                                        static_cast<int>(levels.shape(0)),
                                        boundaries.data(),
@@ -158,12 +158,13 @@ NB_MODULE(_native, m) {
                                        parts.data(),
                                        interpolation,
                                        full_weight,
-                                       seen};
+                                       seen,
+                                       finest_by_place};
             },
             nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>(), nb::keep_alive<1, 7>(), nb::keep_alive<1, 11>(),
             nb::kw_only(), "tile"_a, "boundaries"_a, "levels"_a, "deepest_tile_level"_a, "map_margin"_a, "reaches"_a,
             "pixel_variance"_a, "aperture_variance"_a, "part_variance"_a, "parts"_a, "interpolation"_a, "full_weight"_a,
-            "seen"_a);
+            "seen"_a, "finest_by_place"_a);
     nb::class_<BlockLayers>(m, "BlockLayers")
         .def(
             "__init__",

@@ -502,9 +502,11 @@ void LayerMaps::share_hits(Bins& to, const BinGrid& grid, int first, int n) {
 // Some rows of the result at a time, so that what passes from one step to the next stays in the cache. The map comes to
 // lie where the bins were.
 FilteredMap LayerMaps::blur(const LayerTarget& target, Bins& bins) {
-    if (!target.near) {
+    const bool by_place = plan_.levels[target.layer] >= plan_.finest_by_place;
+    if (by_place) {
         seen_.resize(target.size);
-        const float samples = static_cast<float>(samples_.spp) * target.cell * target.cell;
+        const float bin = target.cell / static_cast<float>(target.bins_per_cell);
+        const float samples = static_cast<float>(samples_.spp) * bin * bin;
         weigh_by_place(bins.hits(), bins.holes(), seen_.data(), target.size, 1 / (plan_.full_weight * samples),
                        1 / (plan_.seen * samples));
     }
@@ -524,9 +526,8 @@ FilteredMap LayerMaps::blur(const LayerTarget& target, Bins& bins) {
     }
 
     const FilteredMap map{bins.values.data(), target.rows, target.width};
-    if (target.near) {
-        add(&blurred_[static_cast<std::size_t>(plane)], weight_.data(), plane);
-    } else {
+    if (!by_place) add(&blurred_[static_cast<std::size_t>(plane)], weight_.data(), plane);
+    if (!target.near) {
         const double expected = static_cast<double>(samples_.spp) * target.cell * target.cell;
         scale_known(blurred_.data(), map.channel(known), plane, static_cast<float>(1 / (1 - std::exp(-expected))));
     }

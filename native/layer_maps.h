@@ -29,7 +29,7 @@ struct LayerTarget {
     Rectangle extent;       // of its samples at the lens centre, in pixels of the image
     float left, top, cell;  // of the wanted rectangle, and the side of a cell, in pixels
     int rows, columns;      // of the wanted rectangle, in cells
-    bool near;              // near focus: fine bins, each as important as the samples in it
+    bool near;              // near focus: fine bins, and one view of the whole aperture
     float reach;            // how far samples may lie from their place at the lens centre, in pixels
     double blur_variance;   // in bins²
 

@@ -21,8 +21,9 @@ struct LayeredPlan {
     int part_count;
     const float* parts;   // (part_count, 3): centre (u, v) and weight
     float interpolation;  // variance that reading maps between their cells adds along one axis, in cells²
-    // Shares of the samples per pixel from which on a bin has its full weight, and from which on it is certainly seen.
+    // Shares of its samples from which on a bin has its full weight, and from which on it is certainly seen.
     float full_weight, seen;
+    int finest_by_place;  // level from which on bins have weights of their own, whatever the samples in them
 };
 
 // What each block of pixels holds of each layer, and where its samples lie.

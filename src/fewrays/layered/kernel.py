@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fewrays import _native
-from fewrays.layered.plan import DEEPEST_TILE_LEVEL, FULL_WEIGHT, MAP_MARGIN, SEEN, Plan
+from fewrays.layered.plan import DEEPEST_TILE_LEVEL, FINEST_BY_PLACE, FULL_WEIGHT, MAP_MARGIN, SEEN, Plan
 from fewrays.native_view import view_samples
 from fewrays.parallel import Execution, map_ranges, usable_cores
 from fewrays.samples import SampleBuffer
@@ -40,6 +40,7 @@ def reconstruct_tiles(
         interpolation=plan.interpolation_variance,
         full_weight=FULL_WEIGHT,
         seen=SEEN,
+        finest_by_place=FINEST_BY_PLACE,
     )
     blocks = _survey(view, plan, native_plan, execution)
     maps = _coarse_maps(view, blocks, plan, native_plan, execution)

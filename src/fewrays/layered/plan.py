@@ -13,6 +13,7 @@ from fewrays.tiling import Tiling
 
 __all__ = [
     "DEEPEST_TILE_LEVEL",
+    "FINEST_BY_PLACE",
     "FULL_WEIGHT",
     "MAP_MARGIN",
     "MAP_TILE",
@@ -33,6 +34,9 @@ MAP_TILE = 256
 
 DEEPEST_TILE_LEVEL = 1
 """Layers of bins up to this level are filtered tile by tile, those of coarser bins as maps of the image."""
+
+FINEST_BY_PLACE = -1
+"""Level from which on bins weigh by place; in finer ones every sample counts alike."""
 
 FULL_WEIGHT = 3 / 8
 """Share of the expected samples from which on a bin weighs as much as any other."""

@@ -31,7 +31,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from fewrays.layered.plan import DEEPEST_TILE_LEVEL, FULL_WEIGHT, MAX_SLOPE, SEEN, Plan
+from fewrays.layered.plan import DEEPEST_TILE_LEVEL, FINEST_BY_PLACE, FULL_WEIGHT, MAX_SLOPE, SEEN, Plan
 from fewrays.layered.taps import TAPS_REACH, gaussian_taps, tap_count
 from fewrays.parallel import Execution, progress_bar
 from fewrays.samples import SampleBuffer
@@ -234,17 +234,18 @@ def _blur_variance(layer: _Layer, plan: Plan) -> float:
 def _filter(samples: _Flat, layer: _Layer, plan: Plan, window: _Window) -> Float64:
     """Map of a layer, ``(5, rows, columns)``: how well a cell is known, opacity, and radiance times opacity.
 
-    Near focus, each sample counts alike. Elsewhere each bin does that has a fair share of the samples (those
-    with less, in proportion), because samples at the lens centre cluster: where a layer is seen past an edge,
-    only part of the lens sees it, and unweighted the side that more of it sees would outweigh the other.
+    On the finest bins, each sample counts alike. Elsewhere each bin does that has a fair share of the samples
+    (those with less, in proportion), because samples at the lens centre cluster: where a layer is seen past
+    an edge, only part of the lens sees it, and unweighted the side that more of it sees would outweigh the
+    other.
     """
     variance = _blur_variance(layer, plan)
     bins = 2 ** max(-layer.level, 0)  # along the side of a cell
     first = 0.5 if layer.near else 0.0  # the centre of a pixel lies between bins, that of a bin in it
     taps = gaussian_taps(variance, first, tap_count(variance, first))
     hits, count = _scatter(samples, layer, window, bins, len(taps))
-    expected = plan.spp * window.cell**2  # samples in a cell, were none hidden by what is in front
-    if layer.near:
+    expected = plan.spp * (window.cell / bins) ** 2  # samples in a bin, were none hidden by what is in front
+    if layer.level < FINEST_BY_PLACE:
         weight = count
     else:
         weight = np.minimum(count / (FULL_WEIGHT * expected), 1.0)
