@@ -503,13 +503,9 @@ void LayerMaps::share_hits(Bins& to, const BinGrid& grid, int first, int n) {
 // lie where the bins were.
 FilteredMap LayerMaps::blur(const LayerTarget& target, Bins& bins) {
     const bool by_place = plan_.levels[target.layer] >= plan_.finest_by_place;
-    if (by_place) {
-        seen_.resize(target.size);
-        const float bin = target.cell / static_cast<float>(target.bins_per_cell);
-        const float samples = static_cast<float>(samples_.spp) * bin * bin;
-        weigh_by_place(bins.hits(), bins.holes(), seen_.data(), target.size, 1 / (plan_.full_weight * samples),
-                       1 / (plan_.seen * samples));
-    }
+    const float bin = target.cell / static_cast<float>(target.bins_per_cell);
+    const float samples = static_cast<float>(samples_.spp) * bin * bin;
+    if (by_place) seen_.resize(target.size);
     make_taps(target);
     const std::ptrdiff_t plane = std::ptrdiff_t{target.rows} * target.width;
     const std::size_t strip = std::size_t{rows_at_once} * target.stride + columns_at_once;
@@ -517,8 +513,16 @@ FilteredMap LayerMaps::blur(const LayerTarget& target, Bins& bins) {
     planes_.resize(hit_channels * strip);
     blurred_.resize(static_cast<std::size_t>(channel_count * plane));
     weight_.resize(static_cast<std::size_t>(plane));
+    std::ptrdiff_t weighed = 0;
     for (int row = 0; row < target.rows; row += rows_at_once) {
         const int rows = std::min(rows_at_once, target.rows - row);
+        if (by_place) {
+            const std::ptrdiff_t end_row = (row + rows - 1) * target.bins_per_cell + target.first_tap() + target.taps();
+            weigh_by_place(bins.hits() + hit_channels * weighed, bins.holes() + weighed, seen_.data() + weighed,
+                           static_cast<int>(end_row * target.stride - weighed), 1 / (plan_.full_weight * samples),
+                           1 / (plan_.seen * samples));
+            weighed = end_row * target.stride;
+        }
         float* const out = &blurred_[static_cast<std::size_t>(row) * target.width];
         blur_counts(target, bins.holes(), row, rows, &weight_[static_cast<std::size_t>(row) * target.width]);
         if (!target.near) blur_counts(target, seen_.data(), row, rows, out);
