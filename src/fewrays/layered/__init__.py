@@ -44,9 +44,12 @@ class LayeredOptions:
         require_option(
             "layer_spacing", self.layer_spacing, 0.05 <= self.layer_spacing <= 1.0, "from 0.05 to 1"
         )
-        counts = ApertureParts.COUNTS
+        choices = ", ".join(map(str, ApertureParts.COUNTS))
         require_option(
-            "aperture_parts", self.aperture_parts, self.aperture_parts in counts, f"one of {counts}"
+            "aperture_parts",
+            self.aperture_parts,
+            self.aperture_parts in ApertureParts.COUNTS,
+            f"among {choices}",
         )
         require_option("tile", self.tile, 16 <= self.tile <= 256, "from 16 to 256 px")
 
