@@ -124,7 +124,7 @@ def parse_options() -> argparse.Namespace:
 
 
 def contenders() -> list[Contender]:
-    """Return the denoiser, every method, and ours with the options for speed."""
+    """Return the denoiser, every method, and ours with the options for quality."""
     denoiser = Contender(DENOISER, lambda work, threads: denoise_filter(work.box_image, threads))
     methods = [Contender(name, prepare_method(name)) for name in fewrays.METHODS]
     return [denoiser, methods[0], Contender(BEST, prepare_method(OURS, **BEST_OPTIONS)), *methods[1:]]

@@ -221,9 +221,7 @@ bool LayerTarget::want(float grid_left, float grid_top, int grid_rows, int grid_
                        float origin_y) {
     // Hits of coarse layers are shared with the next bins, and splines read bins on all sides.
     const float beyond = cell > 1.0f ? 4.0f : 2.0f;
-    const float around =
-        static_cast<float>(tap_count(blur_variance, first_distance)) * cell / static_cast<float>(bins_per_cell) +
-        beyond * cell;
+    const float around = static_cast<float>(taps_beside) * cell / static_cast<float>(bins_per_cell) + beyond * cell;
     const auto cells = [&](float from, float to, float start, int count) {
         const float last = static_cast<float>(count);
         const float first_cell = std::floor(std::clamp((from - around - start) / cell, 0.0f, last));
@@ -240,7 +238,6 @@ bool LayerTarget::want(float grid_left, float grid_top, int grid_rows, int grid_
 }
 
 void LayerTarget::lay_out() {
-    taps_beside = tap_count(blur_variance, first_distance);
     margin = (taps() / 2 - bins_per_cell / 2 + bins_per_cell - 1) / bins_per_cell;
     if (cell > 1.0f) ++margin;  // shared hits begin one earlier
     width = whole_groups(columns);
@@ -319,6 +316,7 @@ std::vector<LayerTarget> LayerMaps::layers_near(const Rectangle& pixels, int fir
         target.first_distance = target.near ? 0.5 : 0.0;
         target.cell = level > 0 ? static_cast<float>(1 << level) : 1.0f;
         target.blur_variance = blur_variance(target);
+        target.taps_beside = tap_count(target.blur_variance, target.first_distance);
         targets.push_back(std::move(target));
     }
     return targets;
@@ -367,8 +365,7 @@ void LayerMaps::scatter(const std::vector<LayerTarget>& targets, float left, flo
         Rectangle area = target.catchment();
         area = {area.x_min + left, area.x_max + left, area.y_min + top, area.y_max + top};
         catchments.push_back(area);
-        all = {std::min(all.x_min, area.x_min), std::max(all.x_max, area.x_max), std::min(all.y_min, area.y_min),
-               std::max(all.y_max, area.y_max)};
+        all.include(area);
     }
     std::vector<char> matters(targets.size()), wanted(targets.size());  // to whom: a block, the batch
     int space = batch_size;

@@ -35,8 +35,8 @@ struct LayerTarget {
 
     int bins_per_cell;      // along a side
     double first_distance;  // of the blur's nearest tap, in bins
+    int taps_beside;        // of the blur's kernel on each side
 
-    int taps_beside;             // of the blur's kernel on each side
     int margin;                  // cells around those wanted that the blur reads
     int width, segment;          // cells of a row of the result and of the bins, in memory
     int stride, bin_rows, size;  // bins from row to row (stored phase by phase), rows of bins, bins in all

@@ -45,7 +45,8 @@ def test_central_weight_is_that_of_the_parts_on_an_axis(count: int) -> None:
 
 @pytest.mark.parametrize("count", COUNTS)
 def test_parts_look_the_same_from_six_sides(count: int) -> None:
-    centers = ApertureParts.split(0.25, count).parts[:, 0] + 1j * ApertureParts.split(0.25, count).parts[:, 1]
+    u, v, _ = ApertureParts.split(0.25, count).parts.T
+    centers = u + 1j * v
     turned = centers * np.exp(1j * np.pi / 3)
     assert np.abs(turned[:, None] - centers).min(axis=1).max() < 1e-6
 
