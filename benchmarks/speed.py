@@ -84,7 +84,9 @@ def main() -> None:
     """Measure, and write the page."""
     options = parse_options()
     require_bench()
-    peaks = [memory_growth.measure_memory(*size) for size in memory_growth.SIZES[: options.sizes]]
+    large = {scene: path for scene, path in rendered(options.renders).items() if path.parent.name == LARGE}
+    sizes = memory_growth.SIZES[: options.sizes]
+    peaks = [memory_growth.measure_memory(*each) for each in memory_growth.workloads(sizes, large)]
     workloads = list(make_workloads(options.renders))
     measured = [(workload, measure(workload, options.repetitions)) for workload in workloads]
     grown = [

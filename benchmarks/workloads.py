@@ -13,7 +13,7 @@ import fewrays
 from contenders import PUBLISHED
 from fewrays.sources.analytic import Mask, Plane, sample, smooth_noise
 
-__all__ = ["LEAF_LENS", "count_layers", "leaf_planes", "leaf_stack", "seen_from"]
+__all__ = ["LEAF_LENS", "count_layers", "leaf_planes", "leaf_stack", "repeated", "seen_from"]
 
 LEAF_LENS = fewrays.Lens(-40.0, 10.0, aperture="gaussian", sampling="square")
 _CELL = 128  # pixels; each leafy plane has one leaf in some of these
@@ -77,6 +77,21 @@ def leaf_stack(
         color = smooth_noise(6.0, mean=rng.uniform(0.2, 0.8, 3).tolist(), waves=8, seed=seed + 1 + number)
         stack.append(Plane(LEAF_LENS.depth(float(slope)), color, _leaves(height, width, share, rng)))
     return stack
+
+
+def repeated(samples: fewrays.SampleBuffer, times: int) -> fewrays.SampleBuffer:
+    """Return samples several times side by side, and as often one below the other."""
+
+    def tiled(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        return np.tile(values, (times, times) + (1,) * (values.ndim - 2))
+
+    size = np.array((samples.width, samples.height))
+    row, column = np.indices((times * samples.height, times * samples.width))
+    corner = np.stack([column, row], axis=-1) // size * size
+    xy = (tiled(samples.xy) + corner[:, :, None]).astype(np.float32)
+    return fewrays.SampleBuffer(
+        xy, tiled(samples.uv), tiled(samples.depth), tiled(samples.color), samples.lens
+    )
 
 
 def seen_from(plane: Plane, column: int, row: int) -> Plane:

@@ -47,8 +47,8 @@ BlockLayers make_block_layers(int block, Array<const float, -1, -1, 4> extents,
     return {block, reinterpret_cast<const Extent*>(extents.data()), counts.data(), slope_sums.data()};
 }
 
-CoarseMap make_coarse_map(int layer, Array<float, 5, -1, -1> values) {
-    return {values.data(), layer, static_cast<int>(values.shape(1)), static_cast<int>(values.shape(2))};
+CoarseMap make_coarse_map(int layer, int row, int column, Array<float, 5, -1, -1> values) {
+    return {values.data(), layer, row, column, static_cast<int>(values.shape(1)), static_cast<int>(values.shape(2))};
 }
 
 }  // namespace
@@ -141,15 +141,14 @@ NB_MODULE(_native, m) {
         .def(
             "__init__",
             [](LayeredPlan* self, int tile, Array<const float, -1> boundaries, Array<const std::int32_t, -1> levels,
-               int deepest_tile_level, int map_margin, Array<const float, -1> reaches, double pixel_variance,
-               double aperture_variance, double part_variance, Array<const float, -1, 3> parts, float interpolation,
-               float full_weight, float seen, int finest_by_place) {
+               int deepest_tile_level, Array<const float, -1> reaches, double pixel_variance, double aperture_variance,
+               double part_variance, Array<const float, -1, 3> parts, float interpolation, float full_weight,
+               float seen, int finest_by_place) {
                 new (self) LayeredPlan{tile,
                                        static_cast<int>(levels.shape(0)),
                                        boundaries.data(),
                                        levels.data(),
                                        deepest_tile_level,
-                                       map_margin,
                                        reaches.data(),
                                        pixel_variance,
                                        aperture_variance,
@@ -162,7 +161,7 @@ NB_MODULE(_native, m) {
                                        finest_by_place};
             },
             nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>(), nb::keep_alive<1, 7>(), nb::keep_alive<1, 11>(),
-            nb::kw_only(), "tile"_a, "boundaries"_a, "levels"_a, "deepest_tile_level"_a, "map_margin"_a, "reaches"_a,
+            nb::kw_only(), "tile"_a, "boundaries"_a, "levels"_a, "deepest_tile_level"_a, "reaches"_a,
             "pixel_variance"_a, "aperture_variance"_a, "part_variance"_a, "parts"_a, "interpolation"_a, "full_weight"_a,
             "seen"_a, "finest_by_place"_a);
     nb::class_<BlockLayers>(m, "BlockLayers")
@@ -177,17 +176,17 @@ NB_MODULE(_native, m) {
     nb::class_<CoarseMap>(m, "CoarseMap")
         .def(
             "__init__",
-            [](CoarseMap* self, int layer, Array<float, 5, -1, -1> values) {
-                new (self) CoarseMap(make_coarse_map(layer, values));
+            [](CoarseMap* self, int layer, int row, int column, Array<float, 5, -1, -1> values) {
+                new (self) CoarseMap(make_coarse_map(layer, row, column, values));
             },
-            nb::keep_alive<1, 3>(), "layer"_a, "values"_a);
+            nb::keep_alive<1, 5>(), "layer"_a, "row"_a, "column"_a, "values"_a);
     nb::class_<CoarsePass>(m, "CoarsePass")
         .def(
             "__init__",
-            [](CoarsePass* self, int first_level, int last_level, int side, int margin, int columns) {
-                new (self) CoarsePass{first_level, last_level, side, margin, columns};
+            [](CoarsePass* self, int first_level, int last_level, int left, int top, int right, int bottom, int side) {
+                new (self) CoarsePass{first_level, last_level, left, top, right, bottom, side};
             },
-            nb::kw_only(), "first_level"_a, "last_level"_a, "side"_a, "margin"_a, "columns"_a);
+            nb::kw_only(), "first_level"_a, "last_level"_a, "left"_a, "top"_a, "right"_a, "bottom"_a, "side"_a);
 
     m.def(
         "block_layers",
@@ -210,11 +209,12 @@ NB_MODULE(_native, m) {
     m.def(
         "layered_tiles",
         [](const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan,
-           const std::vector<CoarseMap>& maps, int first, int last, Array<float, -1, -1, 3> image,
+           const std::vector<CoarseMap>& maps, Array<const std::int32_t, -1> tiles, Array<float, -1, -1, 3> image,
            Array<std::int32_t, -1> counts, std::optional<Array<float, -1, -1, -1, 4>> contributions) {
             const LayeredOutput output{image.data(), counts.data(), contributions ? contributions->data() : nullptr};
-            layered_tiles(samples, blocks, plan, maps.data(), static_cast<int>(maps.size()), first, last, output);
+            layered_tiles(samples, blocks, plan, maps.data(), static_cast<int>(maps.size()), tiles.data(),
+                          static_cast<int>(tiles.shape(0)), output);
         },
-        "samples"_a, "blocks"_a, "plan"_a, "maps"_a, "first"_a, "last"_a, "image"_a, "counts"_a,
-        "contributions"_a.none(), nb::call_guard<nb::gil_scoped_release>());
+        "samples"_a, "blocks"_a, "plan"_a, "maps"_a, "tiles"_a, "image"_a, "counts"_a, "contributions"_a.none(),
+        nb::call_guard<nb::gil_scoped_release>());
 }

@@ -212,11 +212,6 @@ FEWRAYS_CLONES void scale_known(const float* FEWRAYS_RESTRICT blurred, float* FE
 
 }  // namespace
 
-void Bins::clear(std::size_t new_count) {
-    count = new_count;
-    values.assign((1 + hit_channels) * count, 0.0f);
-}
-
 bool LayerTarget::want(float grid_left, float grid_top, int grid_rows, int grid_columns, float origin_x,
                        float origin_y) {
     // Hits of coarse layers are shared with the next bins, and splines read bins on all sides.
@@ -338,10 +333,14 @@ double LayerMaps::blur_variance(const LayerTarget& target) const {
 }
 
 std::vector<FilteredMap> LayerMaps::filter(std::vector<LayerTarget>& targets, float left, float top) {
-    scattered_.resize(std::max(scattered_.size(), targets.size()));
-    for (std::size_t i = 0; i < targets.size(); ++i) {
-        targets[i].lay_out();
-        scattered_[i].clear(static_cast<std::size_t>(targets[i].size) + stray_bins);
+    scratch_.clear();
+    scattered_.clear();
+    for (LayerTarget& target : targets) {
+        target.lay_out();
+        const std::size_t count = static_cast<std::size_t>(target.size) + stray_bins;
+        const std::size_t numbers = (1 + hit_channels) * count;
+        scattered_.push_back({scratch_.take(numbers), count});
+        std::fill_n(scattered_.back().values, numbers, 0.0f);
     }
     scatter(targets, left, top);
     std::vector<FilteredMap> maps;
@@ -484,12 +483,12 @@ void LayerMaps::scatter_batch(const std::vector<LayerTarget>& targets, const std
     }
 }
 
-void LayerMaps::add_hits(Bins& to, const BinGrid& grid, int first, int n) {
+void LayerMaps::add_hits(const Bins& to, const BinGrid& grid, int first, int n) {
     hit_bins(&x_[first], &y_[first], &u_[first], &v_[first], &c_[first], n, grid, bins_.data());
     add_each(&color_[std::size_t{hit_channels} * first], bins_.data(), n, to.hits());
 }
 
-void LayerMaps::share_hits(Bins& to, const BinGrid& grid, int first, int n) {
+void LayerMaps::share_hits(const Bins& to, const BinGrid& grid, int first, int n) {
     hit_corners(&x_[first], &y_[first], &u_[first], &v_[first], &c_[first], n, grid, bins_.data(), right_.data(),
                 down_.data());
     share(&color_[std::size_t{hit_channels} * first], bins_.data(), right_.data(), down_.data(), n, grid.size,
@@ -498,7 +497,7 @@ void LayerMaps::share_hits(Bins& to, const BinGrid& grid, int first, int n) {
 
 // Some rows of the result at a time, so that what passes from one step to the next stays in the cache. The map comes to
 // lie where the bins were.
-FilteredMap LayerMaps::blur(const LayerTarget& target, Bins& bins) {
+FilteredMap LayerMaps::blur(const LayerTarget& target, const Bins& bins) {
     const bool by_place = plan_.levels[target.layer] >= plan_.finest_by_place;
     const float bin = target.cell / static_cast<float>(target.bins_per_cell);
     const float samples = static_cast<float>(samples_.spp) * bin * bin;
@@ -526,7 +525,7 @@ FilteredMap LayerMaps::blur(const LayerTarget& target, Bins& bins) {
         blur_hits(target, bins.hits(), row, rows, out + plane, plane);
     }
 
-    const FilteredMap map{bins.values.data(), target.rows, target.width};
+    const FilteredMap map{bins.values, target.rows, target.width};
     if (!by_place) add(&blurred_[static_cast<std::size_t>(plane)], weight_.data(), plane);
     if (!target.near) {
         const double expected = static_cast<double>(samples_.spp) * target.cell * target.cell;

@@ -7,6 +7,7 @@
 #include "block_index.h"
 #include "layer_lookup.h"
 #include "layered.h"
+#include "scratch.h"
 
 namespace fewrays {
 
@@ -53,12 +54,11 @@ struct LayerTarget {
 
 // What has been scattered to the bins of a target, and later, in its place, the filtered map.
 struct Bins {
-    std::vector<float> values;
-    std::size_t count = 0;  // with strays
+    float* values;
+    std::size_t count;  // with strays
 
-    void clear(std::size_t new_count);
-    float* holes() { return values.data(); }         // (count)
-    float* hits() { return values.data() + count; }  // (count, 4): radiance and number of samples
+    float* holes() const { return values; }         // (count)
+    float* hits() const { return values + count; }  // (count, 4): radiance and number of samples
 };
 
 // Where the bins of a target are; samples beyond them go to the stray bins after the last, in turn, so that none of
@@ -92,9 +92,9 @@ private:
     void find_places(int n, int keys);
     void put_in_place(std::ptrdiff_t first, int count, int from);
     void scatter_batch(const std::vector<LayerTarget>& targets, const std::vector<char>& wanted);
-    void add_hits(Bins& to, const BinGrid& grid, int first, int n);
-    void share_hits(Bins& to, const BinGrid& grid, int first, int n);
-    FilteredMap blur(const LayerTarget& target, Bins& bins);
+    void add_hits(const Bins& to, const BinGrid& grid, int first, int n);
+    void share_hits(const Bins& to, const BinGrid& grid, int first, int n);
+    FilteredMap blur(const LayerTarget& target, const Bins& bins);
     void blur_counts(const LayerTarget& target, const float* counts, int row, int rows, float* out);
     void blur_hits(const LayerTarget& target, const float* hits, int row, int rows, float* out, std::ptrdiff_t plane);
     void make_taps(const LayerTarget& target);
@@ -110,7 +110,8 @@ private:
         std::ptrdiff_t first;
         int count;
     };
-    std::vector<Bins> scattered_;  // of each target; kept for the next
+    Scratch scratch_;              // for bins
+    std::vector<Bins> scattered_;  // of each target
     std::vector<Run> runs_;        // of samples that make up a batch
     std::vector<float> slope_;     // in the order of samples
     std::vector<std::int32_t> key_, place_;

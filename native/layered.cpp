@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "layer_maps.h"
+#include "scratch.h"
 #include "separable_blur.h"
 #include "simd.h"
 
@@ -235,24 +236,18 @@ FEWRAYS_CLONES Span occupied(const float* row, int columns) {
 // flatten every peak.
 class Magnifier {
 public:
-    // Returns a map in `memory`. The first of the `rows` x `columns` pixels lies `row` and `column` pixels from the
+    // Returns a map in `scratch`. The first of the `rows` x `columns` pixels lies `row` and `column` pixels from the
     // first bin's corner; load(channel, row, first, count, out) reads some of the `bin_rows` x `bin_columns` bins,
     // beyond which the outermost go on.
     template <typename Load>
     FilteredMap run(int level, int row, int column, int rows, int columns, int bin_rows, int bin_columns,
-                    std::vector<float>& memory, Load&& load) {
+                    Scratch& scratch, Load&& load) {
         const int size = 1 << level, first = column >> level;
         const int bins = ((column + columns - 1) >> level) + 1 - first, loaded_bins = bins + 2;
         const SplineWeights weights(size);
         FilteredMap map{nullptr, rows, whole_groups(columns)};
         // A pair of columns may begin at the last.
-        const auto size_in_memory = static_cast<std::size_t>(channel_count * map.plane()) + 1;
-        if (size_in_memory > memory.capacity()) {  // no more than that, and nothing to move
-            memory = {};
-            memory.reserve(size_in_memory);
-        }
-        memory.resize(size_in_memory);
-        map.values = memory.data();
+        map.values = scratch.take(static_cast<std::size_t>(channel_count * map.plane()) + 1);
         for (auto& line : lines_) line.resize(loaded_bins);
         between_.resize(loaded_bins);
         pixels_.resize(std::size_t(bins) << level);
@@ -346,12 +341,12 @@ private:
         std::vector<LayerTarget> all = layer_maps_.layers_near({x, x + side, y, y + side}, -any_level, any_level);
         layers_.clear();
         targets_.clear();
-        magnified_count_ = 0;
+        scratch_.clear();
         for (LayerTarget& target : all) {
             const int level = plan_.levels[target.layer];
             const int border = target.near ? 0 : static_cast<int>(std::ceil(offset_ * std::fabs(target.slope))) + 1;
             TileLayer layer{target.layer, level, target.slope, target.near, -1, {}};
-            if (border > plan_.tile && level > plan_.deepest_tile_level) {
+            if (level > plan_.deepest_tile_level && smaller_apart(border)) {
                 place_apart(layer, left, top);
             } else {
                 if (!place_together(layer, target, border, x, y)) continue;
@@ -391,7 +386,13 @@ private:
         return layer.places.front().rows > 0 && layer.places.front().columns > 0;
     }
 
-    // A map for each part of the aperture, where these look farther than a tile.
+    // Whether maps for each part of the aperture are smaller than one with a border.
+    bool smaller_apart(int border) const {
+        const std::int64_t together = plan_.tile + 2 * border, apart = plan_.tile + 1;
+        return together * together > plan_.part_count * apart * apart;
+    }
+
+    // A map for each part of the aperture.
     void place_apart(TileLayer& layer, int left, int top) {
         for (int part = 0; part < plan_.part_count; ++part) {
             const float u = plan_.parts[3 * part], v = plan_.parts[3 * part + 1];
@@ -406,21 +407,17 @@ private:
         }
     }
 
-    std::vector<float>& next_magnified() {
-        if (magnified_count_ == magnified_.size()) magnified_.emplace_back();
-        return magnified_[magnified_count_++];
-    }
-
     // False if the layer is transparent all over the place.
     bool magnify_coarse(const TileLayer& layer, PlacedMap& place, int left, int top) {
         const CoarseMap& coarse = map_of_layer(coarse_, coarse_count_, layer.layer);
-        const int margin = plan_.map_margin << layer.level;
-        if (!shrink(coarse, layer.level, top + margin, left + margin, place)) return false;
-        place.map = magnifier_.run(layer.level, top + place.top + margin, left + place.left + margin, place.rows,
-                                   place.columns, coarse.rows, coarse.columns, next_magnified(),
-                                   [&](int channel, int row, int first, int count, float* out) {
-                                       std::copy_n(bins_of(coarse, channel, row, first), count, out);
-                                   });
+        top -= coarse.row << layer.level;
+        left -= coarse.column << layer.level;
+        if (!shrink(coarse, layer.level, top, left, place)) return false;
+        place.map =
+            magnifier_.run(layer.level, top + place.top, left + place.left, place.rows, place.columns, coarse.rows,
+                           coarse.columns, scratch_, [&](int channel, int row, int first, int count, float* out) {
+                               std::copy_n(bins_of(coarse, channel, row, first), count, out);
+                           });
         return true;
     }
 
@@ -465,7 +462,7 @@ private:
         }
         const int size = 1 << layer.level;
         place.map = magnifier_.run(
-            layer.level, size, size, place.rows, place.columns, bins.rows, place.columns / size + 2, next_magnified(),
+            layer.level, size, size, place.rows, place.columns, bins.rows, place.columns / size + 2, scratch_,
             [&](int channel, int row, int first, int count, float* out) {
                 const float* const values = bins.channel(channel) + std::ptrdiff_t{row} * bins.stride + first;
                 std::copy(values, values + count, out);
@@ -584,8 +581,7 @@ private:
     std::vector<TileLayer> layers_;
     std::vector<LayerTarget> targets_;
     std::vector<FilteredMap> filtered_;
-    std::vector<std::vector<float>> magnified_;
-    std::size_t magnified_count_ = 0;
+    Scratch scratch_;                                       // for magnified maps
     std::vector<float> transmittance_, sums_, layer_sums_;  // sums: opacity and radiance
 };
 
@@ -644,22 +640,23 @@ void block_layers(const Samples& samples, const LayeredPlan& plan, float margin,
 void coarse_tiles(const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan, const CoarsePass& pass,
                   const CoarseMap* maps, int map_count, int first, int last) {
     LayerMaps layer_maps(samples, blocks, plan);
+    const int tile_columns = (pass.right - pass.left + pass.side - 1) / pass.side;
     for (int tile = first; tile < last; ++tile) {
-        const int left = pass.side * (tile % pass.columns) - pass.margin;
-        const int top = pass.side * (tile / pass.columns) - pass.margin;
+        const int left = pass.left + pass.side * (tile % tile_columns),
+                  top = pass.top + pass.side * (tile / tile_columns);
         const auto x = static_cast<float>(left), y = static_cast<float>(top);
-        const int width = std::min(pass.side, samples.width + pass.margin - left);
-        const int height = std::min(pass.side, samples.height + pass.margin - top);
+        const int width = std::min(pass.side, pass.right - left), height = std::min(pass.side, pass.bottom - top);
         std::vector<LayerTarget> targets = layer_maps.layers_near(
             {x, x + static_cast<float>(width), y, y + static_cast<float>(height)}, pass.first_level, pass.last_level);
         std::erase_if(targets, [&](LayerTarget& target) {
-            const int cell = static_cast<int>(target.cell), around = plan.map_margin * cell;
+            const CoarseMap& map = map_of_layer(maps, map_count, target.layer);
+            const int cell = static_cast<int>(target.cell);
             // Bins of the tile that are in the map.
-            const auto bins = [&](int start, int image) {
-                const int first_bin = std::max(-around - start, 0) / cell;
-                return Span{first_bin, (std::min(pass.side, image + around - start) + cell - 1) / cell};
+            const auto bins = [&](int start, int first_bin, int bin_count) {
+                const int skipped = std::max(first_bin * cell - start, 0) / cell;
+                return Span{skipped, (std::min(pass.side, (first_bin + bin_count) * cell - start) + cell - 1) / cell};
             };
-            const Span rows = bins(top, samples.height), columns = bins(left, samples.width);
+            const Span rows = bins(top, map.row, map.rows), columns = bins(left, map.column, map.columns);
             return rows.first >= rows.end || columns.first >= columns.end ||
                    !target.want(static_cast<float>(columns.first * cell), static_cast<float>(rows.first * cell),
                                 rows.end - rows.first, columns.end - columns.first, x, y);
@@ -668,8 +665,8 @@ void coarse_tiles(const Samples& samples, const BlockLayers& blocks, const Layer
         for (std::size_t i = 0; i < targets.size(); ++i) {
             const LayerTarget& target = targets[i];
             const CoarseMap& map = map_of_layer(maps, map_count, target.layer);
-            const int column = static_cast<int>((x + target.left) / target.cell) + plan.map_margin;
-            const int row = static_cast<int>((y + target.top) / target.cell) + plan.map_margin;
+            const int column = static_cast<int>((x + target.left) / target.cell) - map.column;
+            const int row = static_cast<int>((y + target.top) / target.cell) - map.row;
             for (int channel = 0; channel < channel_count; ++channel)
                 for (int k = 0; k < target.rows; ++k)
                     std::memcpy(map.values + (std::ptrdiff_t{channel} * map.rows + row + k) * map.columns + column,
@@ -680,9 +677,9 @@ void coarse_tiles(const Samples& samples, const BlockLayers& blocks, const Layer
 }
 
 void layered_tiles(const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan, const CoarseMap* maps,
-                   int map_count, int first, int last, const LayeredOutput& output) {
+                   int map_count, const std::int32_t* tiles, int tile_count, const LayeredOutput& output) {
     TileReconstruction reconstruction(samples, blocks, plan, maps, map_count);
-    for (int tile = first; tile < last; ++tile) reconstruction.run(tile, output);
+    for (int i = 0; i < tile_count; ++i) reconstruction.run(tiles[i], output);
 }
 
 }  // namespace fewrays

@@ -13,7 +13,6 @@ struct LayeredPlan {
     const float* boundaries;     // (layer_count - 1): slopes where one layer ends and the next begins, ascending
     const std::int32_t* levels;  // (layer_count): bins of 2^level pixels; below 0: near focus
     int deepest_tile_level;      // layers up to this level are filtered tile by tile, others as maps of the image
-    int map_margin;              // bins of these around the image that the parts of the aperture may look at
     const float* reaches;        // (layer_count): largest |slope| of a sample
     double pixel_variance;       // of the pixel filter along one axis, in pixels²
     double aperture_variance;    // of the aperture along one axis, in lens units²
@@ -41,17 +40,19 @@ struct BlockLayersOutput {
     float* slope_sums;
 };
 
-// The filtered map of a coarse layer over the image and `map_margin` bins around it: (5, rows, columns).
+// The filtered map of a coarse layer: (5, rows, columns).
 struct CoarseMap {
     float* values;
     int layer;
+    int row, column;    // of the first bin, from the image's corner
     int rows, columns;  // of bins
 };
 
 // Levels of coarse layers that are filtered together, tile by tile.
 struct CoarsePass {
     int first_level, last_level;
-    int side, margin, columns;  // of a tile, and of the tiles to the left of and above the image, in pixels; of tiles
+    int left, top, right, bottom;  // of all tiles, in pixels
+    int side;                      // of a tile, in pixels
 };
 
 struct LayeredOutput {
@@ -70,8 +71,8 @@ void block_layers(const Samples& samples, const LayeredPlan& plan, float margin,
 void coarse_tiles(const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan, const CoarsePass& pass,
                   const CoarseMap* maps, int map_count, int first, int last);
 
-// Reconstructs tiles [first, last) of the image; `maps` are those of all coarse layers, in the order of layers.
+// Reconstructs some tiles of the image; `maps` are those of all coarse layers, where these tiles look at them.
 void layered_tiles(const Samples& samples, const BlockLayers& blocks, const LayeredPlan& plan, const CoarseMap* maps,
-                   int map_count, int first, int last, const LayeredOutput& output);
+                   int map_count, const std::int32_t* tiles, int tile_count, const LayeredOutput& output);
 
 }  // namespace fewrays

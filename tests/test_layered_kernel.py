@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from agreement import assert_agree
 from buffers import random_buffer
 from fewrays import Lens, SampleBuffer, SampleError, reconstruct
+from fewrays.layered import regions
 from fewrays.layered.aperture import ApertureParts
 from fewrays.layered.plan import Plan
 from fewrays.layered.taps import gaussian_taps, tap_count
@@ -220,6 +221,19 @@ class TestInvariance:
         assert np.median(difference) < 2e-3
         assert np.quantile(difference, 0.99) < 0.03
         assert difference.max() < 0.15
+
+    @pytest.mark.parametrize("blur", [30.0, 200.0])
+    def test_size_of_regions(self, blur: float, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Images of several regions are no different, and agree with the reference."""
+        samples = random_buffer(90, 110, 4, lens_of(blur))
+        whole = reconstruct(samples, tile=16)
+        monkeypatch.setattr(regions, "MAX_REGION", 48)
+        assert levels_of(samples) >= {2, 3}
+        parts = reconstruct(samples, tile=16)
+        assert_twins(parts, reconstruct(samples, tile=16, device="reference"))
+        difference = np.abs(parts - whole)
+        assert np.median(difference) < 2e-3
+        assert 0 < difference.max() < 0.03
 
     def test_dropped_samples_leave_no_trace(self) -> None:
         samples = random_buffer(40, 40, 4, LENS)

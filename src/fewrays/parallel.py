@@ -68,30 +68,37 @@ def progress_bar(total: int, label: str, *, show: bool, unit: str = "it") -> tqd
 
 
 def map_ranges(
-    kernel: Callable[[int, int], None], count: int, execution: Execution, *, label: str, chunk: int = 8
+    kernel: Callable[[int, int], None],
+    count: int,
+    execution: Execution,
+    *,
+    label: str = "",
+    bar: tqdm | None = None,
+    chunk: int = 8,
 ) -> None:
     """Call ``kernel(first, last)`` over ranges that cover ``0 … count``, from several threads.
 
-    The first exception cancels what has not started and is raised; so does Ctrl-C.
+    The first exception cancels what has not started and is raised; so does Ctrl-C. Progress goes to `bar`, or
+    to a new one of the given label.
     """
+    if bar is None:
+        with progress_bar(count, label, show=execution.progress, unit="tile") as bar:
+            map_ranges(kernel, count, execution, bar=bar, chunk=chunk)
+        return
     ranges = [(first, min(first + chunk, count)) for first in range(0, count, chunk)]
     threads = min(execution.threads or usable_cores(), len(ranges))
-    with progress_bar(count, label, show=execution.progress, unit="tile") as bar:
-        if threads <= 1:
-            for first, last in ranges:
-                kernel(first, last)
-                bar.update(last - first)
-            return
-        with ThreadPoolExecutor(threads, thread_name_prefix="fewrays") as pool:
-            futures = []
-            for first, last in ranges:
-                futures.append(pool.submit(_run_and_report, kernel, first, last, bar))
-            try:
-                done, _ = wait(futures, return_when=FIRST_EXCEPTION)
-                for future in done:
-                    future.result()
-            finally:
-                pool.shutdown(wait=True, cancel_futures=True)
+    if threads <= 1:
+        for first, last in ranges:
+            _run_and_report(kernel, first, last, bar)
+        return
+    with ThreadPoolExecutor(threads, thread_name_prefix="fewrays") as pool:
+        futures = [pool.submit(_run_and_report, kernel, first, last, bar) for first, last in ranges]
+        try:
+            done, _ = wait(futures, return_when=FIRST_EXCEPTION)
+            for future in done:
+                future.result()
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _run_and_report(kernel: Callable[[int, int], None], first: int, last: int, bar: tqdm) -> None:

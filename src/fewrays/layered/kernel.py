@@ -8,9 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from fewrays import _native
-from fewrays.layered.plan import DEEPEST_TILE_LEVEL, FINEST_BY_PLACE, FULL_WEIGHT, MAP_MARGIN, SEEN, Plan
+from fewrays.layered.plan import FINEST_BY_PLACE, FULL_WEIGHT, SEEN, Plan
+from fewrays.layered.regions import DEEPEST_TILE_LEVEL, CoarsePass
 from fewrays.native_view import view_samples
-from fewrays.parallel import Execution, map_ranges, usable_cores
+from fewrays.parallel import Execution, map_ranges, progress_bar, usable_cores
 from fewrays.samples import SampleBuffer
 
 __all__ = ["reconstruct_tiles"]
@@ -31,7 +32,6 @@ def reconstruct_tiles(
         boundaries=plan.slabs.boundaries,
         levels=plan.slabs.levels,
         deepest_tile_level=DEEPEST_TILE_LEVEL,
-        map_margin=MAP_MARGIN,
         reaches=plan.slabs.reaches,
         pixel_variance=plan.pixel_variance,
         aperture_variance=plan.aperture_variance,
@@ -43,17 +43,25 @@ def reconstruct_tiles(
         finest_by_place=FINEST_BY_PLACE,
     )
     blocks = _survey(view, plan, native_plan, execution)
-    maps = _coarse_maps(view, blocks, plan, native_plan, execution)
+    filter_passes = partial(_coarse_maps, view, blocks, plan, native_plan, execution)
+    for_all = filter_passes(plan.region_plan.passes_for_all())
     threads = execution.threads or usable_cores()
-    map_ranges(
-        lambda first, last: _native.layered_tiles(
-            view, blocks, native_plan, maps, first, last, image, counts, contributions
-        ),
-        plan.tile_count,
-        execution,
-        label="layered",
-        chunk=min(max(plan.tile_count // (4 * threads), 1), 16),
-    )
+
+    def tiles(maps: list[_native.CoarseMap], numbers: npt.NDArray[np.int32], first: int, last: int) -> None:
+        _native.layered_tiles(
+            view, blocks, native_plan, maps, numbers[first:last], image, counts, contributions
+        )
+
+    with progress_bar(plan.tile_count, "layered", show=execution.progress, unit="tile") as bar:
+        for region in plan.region_plan.regions:
+            maps = filter_passes(plan.region_plan.passes_for(region)) + for_all
+            map_ranges(
+                partial(tiles, maps, region.tiles),
+                len(region.tiles),
+                execution,
+                bar=bar,
+                chunk=min(max(plan.tile_count // (4 * threads), 1), 16),
+            )
 
 
 def _survey(
@@ -85,14 +93,14 @@ def _coarse_maps(
     plan: Plan,
     native_plan: _native.LayeredPlan,
     execution: Execution,
+    passes: list[CoarsePass],
 ) -> list[_native.CoarseMap]:
     """Filter the layers that are blurred enough for bins of several pixels."""
     maps = []
-    for each in plan.coarse_passes():
+    for each in passes:
         levels = plan.slabs.levels
-        # Fresh zeros take no memory before they are written, so places that lack a layer cost nothing.
         of_pass = [
-            _native.CoarseMap(int(layer), np.zeros((5, *plan.map_shape(int(levels[layer]))), np.float32))
+            _coarse_map(int(layer), each, int(levels[layer]))
             for layer in np.flatnonzero((levels >= each.first) & (levels <= each.last))
         ]
         if not of_pass:
@@ -100,11 +108,19 @@ def _coarse_maps(
         native_pass = _native.CoarsePass(
             first_level=each.first,
             last_level=each.last,
+            left=each.left,
+            top=each.top,
+            right=each.right,
+            bottom=each.bottom,
             side=each.side,
-            margin=each.margin,
-            columns=each.columns,
         )
         fill = partial(_native.coarse_tiles, view, blocks, native_plan, native_pass, of_pass)
         map_ranges(fill, each.rows * each.columns, execution, label="far layers", chunk=1)
         maps += of_pass
     return maps
+
+
+def _coarse_map(layer: int, of_pass: CoarsePass, level: int) -> _native.CoarseMap:
+    row, column, rows, columns = of_pass.map_window(level)
+    # Fresh zeros take no memory before they are written, so places that lack a layer cost nothing.
+    return _native.CoarseMap(layer, row, column, np.zeros((5, rows, columns), np.float32))

@@ -3,37 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from fewrays.layered.aperture import ApertureParts, aperture_variance
+from fewrays.layered.regions import RegionPlan
 from fewrays.layered.slabs import Slabs
 from fewrays.samples import SampleBuffer
 from fewrays.tiling import Tiling
 
 __all__ = [
-    "DEEPEST_TILE_LEVEL",
     "FINEST_BY_PLACE",
     "FULL_WEIGHT",
-    "MAP_MARGIN",
-    "MAP_TILE",
     "MAX_SLOPE",
     "SEEN",
-    "CoarsePass",
     "Plan",
 ]
 
 MAX_SLOPE = 2.0**15
 """Slopes beyond this count as this, in pixels: such samples are spread over far more than any image."""
-
-MAP_MARGIN = 12
-"""Bins of coarse maps around the image, at least: parts of the aperture look out of it."""
-
-MAP_TILE = 256
-"""Bins along a side of a tile of a coarse map, at least."""
-
-DEEPEST_TILE_LEVEL = 1
-"""Layers of bins up to this level are filtered tile by tile, those of coarser bins as maps of the image."""
 
 FINEST_BY_PLACE = -1
 """Level from which on bins weigh by place; in finer ones every sample counts alike."""
@@ -130,58 +119,7 @@ class Plan(Tiling):
         """Pixels around the image beyond which no sample can reach it."""
         return 4 * float(self.slabs.reaches.max()) + 64.0
 
-    def map_shape(self, level: int) -> tuple[int, int]:
-        """Rows and columns of a coarse layer's map: bins for the image and `MAP_MARGIN` more on each side."""
-        rows, columns = (-(-extent // 2**level) + 2 * MAP_MARGIN for extent in (self.height, self.width))
-        return rows, columns
-
-    def coarse_passes(self) -> list[CoarsePass]:
-        """How the layers beyond `DEEPEST_TILE_LEVEL` are filtered: two levels at a time, or more.
-
-        Layers of several levels share a pass over the samples. The deeper a level, the farther its samples
-        lie from where they count, so tiles grow with it; a tile that holds the whole image serves deeper
-        levels as well, as long as the margin that these need does not outgrow it.
-        """
-        passes = []
-        deepest = int(self.slabs.levels.max(initial=0))
-        level = DEEPEST_TILE_LEVEL + 1
-        while level <= deepest:
-            last = min(level + 1, deepest)
-            side = MAP_TILE * 2**last
-            if side >= max(self.height, self.width):
-                last = max(last, min(deepest, (side // MAP_MARGIN).bit_length() - 1))
-            passes.append(CoarsePass.over(self.height, self.width, level, last, side))
-            level = last + 1
-        return passes
-
-
-@dataclass(frozen=True)
-class CoarsePass:
-    """Levels of coarse layers that are filtered together, and the tiles of their maps.
-
-    Parameters
-    ----------
-    first, last : int
-        The levels.
-    side : int
-        Of a tile, in pixels.
-    margin : int
-        How far the tiles begin to the left of and above the image, in pixels; beyond it they end as far or
-        farther.
-    rows, columns : int
-        Tiles.
-    """
-
-    first: int
-    last: int
-    side: int
-    margin: int
-    rows: int
-    columns: int
-
-    @classmethod
-    def over(cls, height: int, width: int, first: int, last: int, side: int) -> CoarsePass:
-        """Cover an image with tiles."""
-        margin = MAP_MARGIN * 2**last
-        rows, columns = (-(-(extent + 2 * margin) // side) for extent in (height, width))
-        return cls(first, last, side, margin, rows, columns)
+    @cached_property
+    def region_plan(self) -> RegionPlan:
+        """The regions that are reconstructed one after the other, and the coarse maps that they need."""
+        return RegionPlan.covering(self, int(self.slabs.levels.max(initial=0)))

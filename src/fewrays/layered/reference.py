@@ -31,7 +31,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from fewrays.layered.plan import DEEPEST_TILE_LEVEL, FINEST_BY_PLACE, FULL_WEIGHT, MAX_SLOPE, SEEN, Plan
+from fewrays.layered.plan import FINEST_BY_PLACE, FULL_WEIGHT, MAX_SLOPE, SEEN, Plan
+from fewrays.layered.regions import DEEPEST_TILE_LEVEL, CoarsePass
 from fewrays.layered.taps import TAPS_REACH, gaussian_taps, tap_count
 from fewrays.parallel import Execution, progress_bar
 from fewrays.samples import SampleBuffer
@@ -93,20 +94,22 @@ def reconstruct_tiles(
     """
     flat = _flatten(samples, plan)
     survey = _survey(flat, plan)
-    coarse = _coarse_maps(flat, survey, plan)
+    for_all = _coarse_maps(flat, survey, plan, plan.region_plan.passes_for_all())
     with progress_bar(plan.tile_count, "layered", show=execution.progress, unit="tile") as bar:
-        for tile in range(plan.tile_count):
-            row, column, rows, columns = plan.tile_rectangle(tile)
-            pixels = np.s_[row : row + rows, column : column + columns]
-            layers, sums = _reconstruct_tile(flat, survey, coarse, plan, tile)
-            total = sums.sum(axis=0)
-            scale = 1 / np.where(total[0] > MIN_OPACITY, total[0], 1.0)
-            image[pixels] = np.moveaxis(scale * total[1:], 0, -1)
-            counts[tile] = len(layers)
-            if contributions is not None:
-                for layer, part in zip(layers, sums, strict=True):
-                    contributions[(*pixels, layer.index)] = np.moveaxis(scale * part[[1, 2, 3, 0]], 0, -1)
-            bar.update()
+        for region in plan.region_plan.regions:
+            coarse = for_all | _coarse_maps(flat, survey, plan, plan.region_plan.passes_for(region))
+            for tile in region.tiles:
+                row, column, rows, columns = plan.tile_rectangle(int(tile))
+                pixels = np.s_[row : row + rows, column : column + columns]
+                layers, sums = _reconstruct_tile(flat, survey, coarse, plan, int(tile))
+                total = sums.sum(axis=0)
+                scale = 1 / np.where(total[0] > MIN_OPACITY, total[0], 1.0)
+                image[pixels] = np.moveaxis(scale * total[1:], 0, -1)
+                counts[tile] = len(layers)
+                if contributions is not None:
+                    for layer, part in zip(layers, sums, strict=True):
+                        contributions[(*pixels, layer.index)] = np.moveaxis(scale * part[[1, 2, 3, 0]], 0, -1)
+                bar.update()
 
 
 # Which layers there are, and where.
@@ -359,14 +362,13 @@ class _Map:
     column: int
 
 
-def _coarse_maps(samples: _Flat, survey: _Survey, plan: Plan) -> dict[int, _Map]:
+def _coarse_maps(samples: _Flat, survey: _Survey, plan: Plan, passes: list[CoarsePass]) -> dict[int, _Map]:
     """Filter the layers that are blurred so much that their reach is more than a tile; maps by layer."""
     maps: dict[int, _Map] = {}
-    for each in plan.coarse_passes():
+    for each in passes:
         for tile in np.ndindex(each.rows, each.columns):
-            top, left = (index * each.side - each.margin for index in tile)
-            height = min(each.side, plan.height + each.margin - top)
-            width = min(each.side, plan.width + each.margin - left)
+            top, left = each.top + each.side * tile[0], each.left + each.side * tile[1]
+            height, width = min(each.side, each.bottom - top), min(each.side, each.right - left)
             area = _Window(left, top, 1.0, height, width)
             for layer in _layers_near(survey, plan, area, range(each.first, each.last + 1)):
                 cell = 2**layer.level
@@ -374,7 +376,7 @@ def _coarse_maps(samples: _Flat, survey: _Survey, plan: Plan) -> dict[int, _Map]
                 row, column = (index * each.side // cell for index in tile)
                 if layer.index not in maps:
                     shape = (5, each.rows * each.side // cell, each.columns * each.side // cell)
-                    maps[layer.index] = _Map(np.zeros(shape), cell, each.margin, each.margin)
+                    maps[layer.index] = _Map(np.zeros(shape), cell, -each.top, -each.left)
                 here = np.s_[:, row : row + window.rows, column : column + window.columns]
                 maps[layer.index].bins[here] = _filter(samples, layer, plan, window)
     return maps
