@@ -99,7 +99,9 @@ def seen_from(plane: Plane, column: int, row: int) -> Plane:
     corner = np.array([column, row], np.float64)
     mask = plane.mask
     shifted: Mask | None = None if mask is None else lambda xy: mask(xy + corner)
-    return Plane(plane.depth, lambda xy: plane.color(xy + corner), shifted)
+    x, y, w = plane.motion
+    motion = (x - column * w, y - row * w, w)
+    return Plane(plane.depth, lambda xy: plane.color(xy + corner), shifted, motion)
 
 
 def count_layers(samples: fewrays.SampleBuffer) -> float:

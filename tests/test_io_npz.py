@@ -69,6 +69,27 @@ def test_we_read_what_numpy_writes(tmp_path: Path) -> None:
     assert loaded.lens == Lens(-4, 1, sampling="square")
 
 
+@pytest.mark.parametrize("name", ["a.npz", "a.exr"])
+def test_bandwidth_comes_back_with_its_infinities(tmp_path: Path, name: str) -> None:
+    bandwidth = np.arange(1, 25, dtype=np.float32).reshape(SHAPE)
+    bandwidth[1, 2] = np.inf
+    arrays = {k: v for k, v in members().items() if k in ("xy", "uv", "depth", "color")}
+    save(tmp_path / name, SampleBuffer(**arrays, lens=Lens(-4, 1), bandwidth=bandwidth))
+    loaded = load(tmp_path / name)
+    assert loaded.bandwidth is not None
+    np.testing.assert_array_equal(loaded.bandwidth, bandwidth)
+
+
+@pytest.mark.parametrize("name", ["a.tlfr", "a.txt"])
+def test_a_format_without_bandwidth_refuses_it(tmp_path: Path, name: str) -> None:
+    arrays = {k: v for k, v in members().items() if k in ("xy", "uv", "depth", "color")}
+    samples = SampleBuffer(**arrays, lens=Lens(-4, 1), bandwidth=np.ones(SHAPE))
+    with pytest.raises(SampleError, match="no column") as caught:
+        save(tmp_path / name, samples)
+    assert (caught.value.file, caught.value.field) == (str(tmp_path / name), "bandwidth")
+    assert not list(tmp_path.iterdir())
+
+
 def test_half_is_for_colour_only_and_must_fit(tmp_path: Path) -> None:
     color = np.random.default_rng(1).uniform(0, 60_000, (*SHAPE, 3)).astype(np.float32)
     arrays = {k: v for k, v in members(color=color).items() if k in ("xy", "uv", "depth", "color")}
@@ -109,6 +130,9 @@ def test_half_is_for_colour_only_and_must_fit(tmp_path: Path) -> None:
         ({"xy": np.ones((0, 3, 4, 2))}, "xy", "positive sizes"),
         ({"motion": np.ones((*SHAPE, 3))}, "motion", "give time"),
         ({"time": np.full(SHAPE, 2.0)}, "time", "2.0"),
+        ({"bandwidth": np.zeros(SHAPE)}, "bandwidth", "positive"),
+        ({"bandwidth": np.full(SHAPE, np.nan)}, "bandwidth", "NaN"),
+        ({"bandwidth": np.ones((*SHAPE, 2))}, "bandwidth", "expected shape (H, W, S)"),
     ],
 )
 def test_a_wrong_member_is_named(tmp_path: Path, changed: dict[str, Any], field: str, words: str) -> None:

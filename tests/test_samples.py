@@ -26,6 +26,7 @@ def _fields(**changes: Any) -> dict[str, Any]:
         "color": rng.random((*SHAPE, 3)),
         "time": rng.random(SHAPE),
         "motion": rng.normal(size=(*SHAPE, 3)),
+        "bandwidth": rng.uniform(0.01, 2, SHAPE),
     }
     fields = {name: array.astype(np.float32) for name, array in fields.items()}
     return {**fields, "lens": LENS, **changes}
@@ -34,7 +35,7 @@ def _fields(**changes: Any) -> dict[str, Any]:
 def test_sizes_and_slopes() -> None:
     samples = SampleBuffer(**_fields())
     assert (samples.height, samples.width, samples.spp) == SHAPE
-    assert samples.nbytes == 24 * 4 * (2 + 2 + 1 + 3 + 1 + 3)
+    assert samples.nbytes == 24 * 4 * (2 + 2 + 1 + 3 + 1 + 3 + 1)
     np.testing.assert_allclose(samples.slope(), -10 / samples.depth + 2, rtol=1e-6)
     assert samples.slope().dtype == np.float32
     assert repr(samples) == "SampleBuffer(4 x 3 pixels, 2 spp, lens=Lens(c0=-10.0, c1=2.0, ...), moving)"
@@ -72,6 +73,54 @@ def test_refocusing_keeps_what_the_lens_centre_sees(focus: float | None, scale: 
     np.testing.assert_allclose(back.xy, samples.xy, atol=1e-4)
 
 
+@pytest.mark.parametrize("scale", [0.25, 3.0])
+def test_bandwidth_stays_the_same_distance_on_the_lens(scale: float) -> None:
+    fields = _fields()
+    fields["bandwidth"][0, 1, 0] = np.inf
+    samples = SampleBuffer(**fields)
+    other = samples.refocus(3.0, scale)
+    assert other.bandwidth is not None
+    np.testing.assert_allclose(other.bandwidth * scale, fields["bandwidth"], rtol=1e-6)
+    assert other.bandwidth.dtype == np.float32
+    back = other.with_lens(LENS).bandwidth
+    assert back is not None
+    np.testing.assert_allclose(back, fields["bandwidth"], rtol=1e-6)
+
+
+def test_bandwidth_does_not_depend_on_the_focus() -> None:
+    samples = SampleBuffer(**_fields())
+    refocused = samples.refocus(3.0).bandwidth
+    assert refocused is not None
+    assert samples.bandwidth is not None
+    assert np.shares_memory(refocused, samples.bandwidth)
+
+
+@pytest.mark.parametrize("pinhole", [LENS.refocus(aperture_scale=0), Lens(0.0, 0.0, sampling="square")])
+def test_bandwidth_through_a_pinhole_is_unlimited(pinhole: Lens) -> None:
+    samples = SampleBuffer(**_fields()).with_lens(pinhole)
+    assert samples.bandwidth is not None
+    assert (samples.bandwidth == np.inf).all()
+    wide = samples.with_lens(LENS).bandwidth
+    assert wide is not None
+    assert (wide == np.inf).all()
+
+
+def test_the_widest_lens_leaves_a_positive_bandwidth() -> None:
+    samples = SampleBuffer(
+        **_fields(bandwidth=np.full(SHAPE, 1e-20), lens=Lens(-1e-20, 0, sampling="square"))
+    )
+    bandwidth = samples.with_lens(Lens(-1e20, 0, sampling="square")).bandwidth
+    assert bandwidth is not None
+    assert (bandwidth > 0).all()
+
+
+def test_bandwidth_is_optional_and_can_be_left_out() -> None:
+    assert "bandwidth" not in SampleBuffer(**_fields(bandwidth=None)).refocus(2.0, 0.5).field_names()
+    samples = SampleBuffer(**_fields())
+    assert samples.field_names()[-1] == "bandwidth"
+    assert dataclasses.replace(samples, bandwidth=None).bandwidth is None
+
+
 def test_positions_off_the_image_are_legal() -> None:
     SampleBuffer(**_fields(xy=np.full((*SHAPE, 2), -50.0)))
 
@@ -81,7 +130,7 @@ def test_colors_stay_high_dynamic_range() -> None:
     np.testing.assert_array_equal(SampleBuffer(**_fields(color=color)).color, color)
 
 
-@pytest.mark.parametrize("name", ["xy", "uv", "color", "time", "motion"])
+@pytest.mark.parametrize("name", ["xy", "uv", "color", "time", "motion", "bandwidth"])
 def test_shapes_must_go_with_depth(name: str) -> None:
     fields = _fields()
     with pytest.raises(SampleError) as error:
@@ -116,7 +165,7 @@ def test_lens_nan_and_motion_arguments() -> None:
 
 @st.composite
 def _places(draw: st.DrawFn) -> tuple[str, tuple[int, ...]]:
-    name = draw(st.sampled_from(["xy", "uv", "depth", "color", "time", "motion"]))
+    name = draw(st.sampled_from(["xy", "uv", "depth", "color", "time", "motion", "bandwidth"]))
     shape = _fields()[name].shape
     return name, tuple(draw(st.integers(0, size - 1)) for size in shape)
 
@@ -125,6 +174,8 @@ def _places(draw: st.DrawFn) -> tuple[str, tuple[int, ...]]:
 def test_values_that_are_not_finite_are_found(place: tuple[str, tuple[int, ...]], value: float) -> None:
     name, index = place
     fields = _fields()
+    if name == "bandwidth":
+        value = np.nan  # its infinities have tests of their own
     fields[name][index] = value
     with pytest.raises(SampleError) as error:
         SampleBuffer(**fields)
@@ -188,6 +239,9 @@ def test_nothing_to_drop_gives_no_warning() -> None:
         ("uv", 1.5, "lens radius"),
         ("time", -0.25, "shutter"),
         ("time", 1.25, "shutter"),
+        ("bandwidth", 0.0, "positive"),
+        ("bandwidth", -0.5, "positive"),
+        ("bandwidth", -np.inf, "positive"),
     ],
 )
 def test_values_out_of_range_are_named(name: str, value: float, hint: str) -> None:

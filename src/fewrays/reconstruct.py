@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fewrays import layered, layered_published
-from fewrays.baselines import axis_aligned, box
+from fewrays.baselines import axis_aligned, box, sheared
 from fewrays.errors import SampleError
 from fewrays.method import Image, Method, Reconstruction
 from fewrays.parallel import Execution
@@ -24,6 +24,7 @@ METHODS: dict[str, Method] = {
         layered_published.METHOD,
         layered_published.AXIS_ALIGNED_METHOD,
         axis_aligned.METHOD,
+        sheared.METHOD,
         box.METHOD,
     )
 }

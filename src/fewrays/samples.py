@@ -58,8 +58,13 @@ class SampleBuffer:
     motion : array_like, (H, W, S, 3), optional
         Change over the whole shutter of the homogeneous screen position ``(x w, y w, w)``, ``w`` = depth,
         seen from the lens centre, in pixels times depth units. Needs `time`.
+    bandwidth : array_like, (H, W, S), optional
+        How far over the lens a sample's radiance holds: the standard deviation, in lens units, of a Gaussian
+        on the (u, v) plane around the sample's lens position (temporal, section 6). Positive; infinite, which
+        only this field may be, where the surface is matte and looks the same from the whole lens.
     nan : {"reject", "drop"}
-        What to do with samples that hold a NaN or an infinity: raise, or drop them with a warning.
+        What to do with samples that hold a NaN, or an infinity where none is legal: raise, or drop them with
+        a warning.
 
     Raises
     ------
@@ -89,6 +94,7 @@ class SampleBuffer:
     lens: Lens
     time: Float32 | None = None
     motion: Float32 | None = None
+    bandwidth: Float32 | None = None
 
     def __init__(
         self,
@@ -99,6 +105,7 @@ class SampleBuffer:
         lens: Lens,
         time: npt.ArrayLike | None = None,
         motion: npt.ArrayLike | None = None,
+        bandwidth: npt.ArrayLike | None = None,
         *,
         nan: Literal["reject", "drop"] = "reject",
     ) -> None:
@@ -110,6 +117,7 @@ class SampleBuffer:
             raise SampleError("motion needs the samples' times: give time as well", field="motion")
 
         given = {"xy": xy, "uv": uv, "depth": depth, "color": color, "time": time, "motion": motion}
+        given["bandwidth"] = bandwidth
         arrays = {name: _as_float32(name, value) for name, value in given.items() if value is not None}
         _check_shapes(arrays)
         arrays = _check_finite(arrays, drop=nan == "drop")
@@ -120,7 +128,7 @@ class SampleBuffer:
 
     def field_names(self) -> tuple[str, ...]:
         """Names of the arrays that this buffer holds."""
-        optional = [name for name in ("time", "motion") if getattr(self, name) is not None]
+        optional = [name for name in _OPTIONAL if getattr(self, name) is not None]
         return ("xy", "uv", "depth", "color", *optional)
 
     @property
@@ -154,6 +162,10 @@ class SampleBuffer:
         where it did; the ray's image position becomes ``xy + (C'(depth) - C(depth)) uv``. Samples may leave
         their pixels and the image. Arrays that do not change are shared.
 
+        A bandwidth is a distance on the lens in units of its radius: a lens of twice the radius halves the
+        number. It becomes infinite with a pinhole, all of whose positions are one point; from a pinhole,
+        where a lens unit measures nothing, it stays as it is.
+
         Parameters
         ----------
         lens : Lens
@@ -166,7 +178,8 @@ class SampleBuffer:
         if (lens.c0, lens.c1) == (self.lens.c0, self.lens.c1):
             return replace(self, lens=lens)
         shear = lens.slope(self.depth) - self.slope()
-        return replace(self, lens=lens, xy=self.xy + shear[..., None] * self.uv)
+        xy = self.xy + shear[..., None] * self.uv
+        return replace(self, lens=lens, xy=xy, bandwidth=self._bandwidth_through(lens))
 
     def refocus(self, focus_distance: float | None = None, aperture_scale: float = 1.0) -> SampleBuffer:
         """Return the samples for a lens focused elsewhere or of another radius (temporal, section 6).
@@ -184,6 +197,16 @@ class SampleBuffer:
         """
         return self.with_lens(self.lens.refocus(focus_distance, aperture_scale))
 
+    def _bandwidth_through(self, lens: Lens) -> Float32 | None:
+        """Return `bandwidth` in the units of another lens, ``c0`` being proportional to the lens radius."""
+        if self.bandwidth is None or self.lens.c0 in (0, lens.c0):
+            return self.bandwidth
+        with np.errstate(divide="ignore", over="ignore", under="ignore"):
+            scaled = self.bandwidth / np.float32(abs(lens.c0 / self.lens.c0))
+        least = np.finfo(np.float32).tiny  # what is narrower than float32 can say stays positive
+        result: Float32 = np.maximum(scaled, least)
+        return result
+
     def __repr__(self) -> str:
         return (
             f"SampleBuffer({self.width} x {self.height} pixels, {self.spp} spp, "
@@ -192,7 +215,8 @@ class SampleBuffer:
         )
 
 
-_CHANNELS = {"xy": 2, "uv": 2, "depth": None, "color": 3, "time": None, "motion": 3}
+_CHANNELS = {"xy": 2, "uv": 2, "depth": None, "color": 3, "time": None, "motion": 3, "bandwidth": None}
+_OPTIONAL = ("time", "motion", "bandwidth")
 
 
 def _as_float32(name: str, value: npt.ArrayLike) -> Float32:
@@ -228,14 +252,14 @@ def _check_shapes(arrays: dict[str, Float32]) -> None:
 
 
 def _check_finite(arrays: dict[str, Float32], *, drop: bool) -> dict[str, Float32]:
-    """Reject samples with NaN or infinities, or park them off the image."""
+    """Reject samples with NaN or infinities that are not legal, or park them off the image."""
     bad = np.zeros(arrays["depth"].shape, bool)
     for name, array in arrays.items():
         # A finite sum shows at once that every value is.
         with np.errstate(invalid="ignore"):
             if np.isfinite(array.sum(dtype=np.float64)):
                 continue
-        finite = np.isfinite(array)
+        finite = ~np.isnan(array) if name == "bandwidth" else np.isfinite(array)
         if finite.all():
             continue
         if not drop:
@@ -249,7 +273,7 @@ def _check_finite(arrays: dict[str, Float32], *, drop: bool) -> dict[str, Float3
     if not bad.any():
         return arrays
     warnings.warn(f"dropped {int(bad.sum())} of {bad.size} samples that hold NaN or infinity", stacklevel=4)
-    dropped = {"xy": OFF_IMAGE, "depth": 1.0}
+    dropped = {"xy": OFF_IMAGE, "depth": 1.0, "bandwidth": 1.0}
     cleaned = {}
     for name, array in arrays.items():
         cleaned[name] = array.copy()
@@ -276,6 +300,13 @@ def _check_values(arrays: dict[str, Float32], lens: Lens) -> None:
     if "time" in arrays:
         _check_range(
             "time", arrays["time"], lambda t: (t >= 0) & (t <= 1), "times lie in [0, 1] over the shutter"
+        )
+    if "bandwidth" in arrays:
+        _check_range(
+            "bandwidth",
+            arrays["bandwidth"],
+            lambda b: b > 0,
+            "a standard deviation on the lens is positive; infinite means matte",
         )
     with np.errstate(over="ignore"):
         slope = lens.slope(arrays["depth"])

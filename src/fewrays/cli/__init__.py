@@ -20,7 +20,9 @@ from fewrays.cli.compare import Compare
 from fewrays.cli.convert import Convert
 from fewrays.cli.demo import Demo
 from fewrays.cli.info import Info
-from fewrays.cli.reconstruct import Reconstruct, reconstruct_type
+from fewrays.cli.methods import named_method
+from fewrays.cli.reconstruct import Reconstruct
+from fewrays.cli.refocus import Refocus
 from fewrays.cli.render import Render
 from fewrays.errors import SampleError
 
@@ -30,10 +32,13 @@ COMMANDS: dict[str, type[Command]] = {
     "demo": Demo,
     "render": Render,
     "reconstruct": Reconstruct,
+    "refocus": Refocus,
     "compare": Compare,
     "info": Info,
     "convert": Convert,
 }
+
+_WITH_METHOD: dict[str, Any] = {"reconstruct": Reconstruct, "refocus": Refocus}  # flags depend on --method
 
 DONE, USER_ERROR, INTERRUPTED = 0, 2, 130
 
@@ -89,7 +94,7 @@ def parse(arguments: Sequence[str]) -> Command:
     name, rest = arguments[0], list(arguments[1:])
     if name not in COMMANDS:
         raise SampleError(f"unknown command {name!r}; choose from {', '.join(COMMANDS)}")
-    kind: Any = reconstruct_type(rest) if name == "reconstruct" else COMMANDS[name]
+    kind: Any = _WITH_METHOD[name][named_method(rest).options] if name in _WITH_METHOD else COMMANDS[name]
     command: Command = build(kind, rest, prog=f"fewrays {name}")
     return command
 

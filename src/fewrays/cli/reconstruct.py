@@ -6,15 +6,14 @@ parser is then built with that method's options dataclass. The flags cannot drif
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar, cast
+from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar
 
 import numpy.typing as npt
 from tyro.conf import OmitArgPrefixes, arg
 
-from fewrays import __version__
 from fewrays.cli.command import (
     IMAGE_SUFFIXES,
     Command,
@@ -24,33 +23,15 @@ from fewrays.cli.command import (
     report,
     stopwatch,
 )
+from fewrays.cli.methods import DEFAULT_METHOD, provenance
 from fewrays.errors import SampleError
 from fewrays.io import save_image
 from fewrays.parallel import Execution
 from fewrays.reconstruct import METHODS, find_method, run_method
 
-__all__ = ["Reconstruct", "reconstruct_type"]
+__all__ = ["Reconstruct"]
 
 Options = TypeVar("Options")
-
-DEFAULT_METHOD = next(iter(METHODS))
-
-
-def reconstruct_type(arguments: Sequence[str]) -> type[Reconstruct[Any]]:
-    """Return the command type with the options of the method that the arguments name.
-
-    Raises
-    ------
-    SampleError
-        For an unknown method.
-    """
-    name = DEFAULT_METHOD
-    for flag, value in zip(arguments, [*arguments[1:], ""], strict=True):
-        if flag == "--method":
-            name = value
-        elif flag.startswith("--method="):
-            name = flag.removeprefix("--method=")
-    return cast("type[Reconstruct[Any]]", cast(Any, Reconstruct)[find_method(name).options])
 
 
 @dataclass(frozen=True)
@@ -111,20 +92,14 @@ class Reconstruct(Command, Generic[Options]):
         samples = self.input.load(self.samples)
         with stopwatch() as watch:
             result = run_method(samples, method, self.options, execution)
-        provenance = {
-            "software": f"fewrays {__version__}",
-            "method": method.name,
-            "options": ", ".join(f"{k}={v}" for k, v in asdict(cast(Any, self.options)).items()),
-            "lens": str(samples.lens),
-            "samples": self.samples.name,
-        }
-        save_image(self.out, result.image, exposure=self.exposure, provenance=provenance)
+        notes = provenance(method, self.options, samples.lens, self.samples)
+        save_image(self.out, result.image, exposure=self.exposure, provenance=notes)
         if self.aovs is not None:
-            save_aovs(self.aovs, result.aovs, provenance)
+            save_aovs(self.aovs, result.aovs, notes)
         report(method.name, samples, watch, self.out)
 
 
-def save_aovs(directory: Path, aovs: Mapping[str, npt.NDArray[Any]], provenance: Mapping[str, str]) -> None:
+def save_aovs(directory: Path, aovs: Mapping[str, npt.NDArray[Any]], notes: Mapping[str, str]) -> None:
     """Write each output as ``NAME.exr``, or as ``NAME.00.exr``, ``NAME.01.exr`` and so on per layer.
 
     Parameters
@@ -133,13 +108,13 @@ def save_aovs(directory: Path, aovs: Mapping[str, npt.NDArray[Any]], provenance:
         Made when it does not exist.
     aovs : mapping of str to ndarray
         Shapes ``(H, W)``, ``(H, W, layers)`` or ``(H, W, layers, 3)``.
-    provenance : mapping
+    notes : mapping
         For the files' headers.
     """
     directory.mkdir(parents=True, exist_ok=True)
     for name, array in aovs.items():
         if array.ndim == 2:
-            save_image(directory / f"{name}.exr", array, provenance=provenance)
+            save_image(directory / f"{name}.exr", array, provenance=notes)
             continue
         for layer in range(array.shape[2]):
-            save_image(directory / f"{name}.{layer:02}.exr", array[:, :, layer], provenance=provenance)
+            save_image(directory / f"{name}.{layer:02}.exr", array[:, :, layer], provenance=notes)

@@ -1,10 +1,10 @@
 """Samples as deep scan-line OpenEXR, for exchange with compositing packages.
 
 Channels, float32: ``R``, ``G``, ``B``, ``A`` (1), ``Z`` (planar depth), ``position.x``, ``position.y``
-(pixels), ``lens.u``, ``lens.v``, and optionally ``time`` and ``motion.x``, ``motion.y``, ``motion.w``. The
-lens is in the attributes ``fewrays/c0``, ``fewrays/c1``, ``fewrays/sigma`` (double), ``fewrays/aperture``
-and ``fewrays/sampling`` (string); OpenEXR's own ``focus`` repeats the focus distance, in scene units, for
-others.
+(pixels), ``lens.u``, ``lens.v``, and optionally ``time``, ``motion.x``, ``motion.y``, ``motion.w`` and
+``lens.bandwidth`` (infinite where the surface is matte). The lens is in the attributes ``fewrays/c0``,
+``fewrays/c1``, ``fewrays/sigma`` (double), ``fewrays/aperture`` and ``fewrays/sampling`` (string); OpenEXR's
+own ``focus`` repeats the focus distance, in scene units, for others.
 
 Deep files of others hold a varying number of samples in their pixels. The missing ones are filled in and
 parked off the image, where they contribute to nothing.
@@ -36,9 +36,10 @@ _CHANNELS = {
     "color": ("R", "G", "B"),
     "time": ("time",),
     "motion": ("motion.x", "motion.y", "motion.w"),
+    "bandwidth": ("lens.bandwidth",),
 }
-_OPTIONAL = ("time", "motion")
-_PADDING = {"xy": OFF_IMAGE, "depth": 1.0}
+_OPTIONAL = ("time", "motion", "bandwidth")
+_PADDING = {"xy": OFF_IMAGE, "depth": 1.0, "bandwidth": 1.0}
 _VERSION = 1
 _OPAQUE = 1e-3  # largest distance of A from 1: a half float's rounding
 _MOST_PADDING = 16  # times the file's own samples, above _SMALL

@@ -29,11 +29,11 @@ __all__ = ["FORMAT", "load", "save"]
 
 _VERSION = 1
 _REQUIRED = ("xy", "uv", "depth", "color")
-_OPTIONAL = ("time", "motion")
+_OPTIONAL = ("time", "motion", "bandwidth")
 _COEFFICIENTS = ("c0", "c1")
 _NUMBERS = (*_COEFFICIENTS, "sigma")
 _TEXTS = ("aperture", "sampling")
-_NDIM = {"depth": 3, "time": 3}
+_NDIM = {"depth": 3, "time": 3, "bandwidth": 3}
 _MOST_TEXT = 64  # characters of a text scalar
 _MOST_MEMBERS = 64
 _LEVEL = 4  # of zlib: float data gains 2 % from level 6 and takes twice as long

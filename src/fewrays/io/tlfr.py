@@ -10,7 +10,8 @@ w`` then changes by ``w mv_x``, ``y w`` by ``w mv_y`` and w by 0. We write ``per
 
 *What the format cannot say.* A file whose times are all 0 loads with ``time=None`` unless something moves,
 and one whose motion is all 0 with ``motion=None``. It does not state the aperture or how the lens was
-sampled. ``a``, ``z/w`` and the depth gradients are ignored; we write 1, 0 and 0.
+sampled. It has no column for the bandwidth: samples that have one are refused. ``a``, ``z/w`` and the depth
+gradients are ignored; we write 1, 0 and 0.
 """
 
 from __future__ import annotations
@@ -106,12 +107,18 @@ def save(
     Raises
     ------
     SampleError
-        For another encoding, or files that cannot be written.
+        For another encoding, samples with a bandwidth, or files that cannot be written.
     """
     if encoding is None:
         encoding = "binary" if path.suffix.lower() in _BINARY_EXTENSIONS else "text"
     if encoding not in ("text", "binary"):
         raise SampleError(f"expected 'text' or 'binary', got {encoding!r}", field="encoding")
+    if samples.bandwidth is not None:
+        raise SampleError(
+            "version 1.3 has no column for it; save as .npz or .exr, or leave it out with "
+            "dataclasses.replace(samples, bandwidth=None)",
+            field="bandwidth",
+        )
     lens = samples.lens
     info = Header(samples.width, samples.height, samples.spp, lens.c0, lens.c1, encoding=encoding)
     header_path = path.with_name(path.name + ".header")

@@ -1,8 +1,9 @@
-"""Where samples go: low-discrepancy points in ``(x, y, u, v)``.
+"""Where samples go: low-discrepancy points in ``(x, y, u, v, t)``.
 
-Every square of 64 x 64 pixels walks through one four-dimensional Sobol sequence in Morton (Z) order [1]_, and
+Every square of 64 x 64 pixels walks through one five-dimensional Sobol sequence in Morton (Z) order [1]_, and
 gives consecutive points to each pixel. Every pixel, and every aligned block of 2 x 2, 4 x 4, … pixels, so
-holds an aligned run of the sequence, and such a run is stratified: over the pixel, over the lens, jointly.
+holds an aligned run of the sequence, and such a run is stratified: over the pixel, over the lens, over the
+shutter, jointly.
 Filters that gather over many pixels profit from the blocks as much as plain averages do from the pixels. Owen
 scrambling [2]_, seeded anew for each square and dimension, makes the points random without losing this.
 
@@ -10,6 +11,11 @@ The lens takes Sobol's first two dimensions, a pair that is perfectly stratified
 numbers behind the other two were searched for the best joint stratification of all four from 4 to 512
 points. Measured on slanted edges that shear over a tile, under the layered method's weights, at 8 spp:
 0.58 of the error of random points; at 1 spp: 0.81.
+
+Time is a fifth dimension, of the same two searches: among the generators of the lowest degree left it has
+about the best joint stratification with the other four and, clearly, the smallest error on such edges when
+they also move by up to 12 px while the shutter is open. At 8 spp that is 0.63 of the error of random points
+(0.82 if the times were random beside the pattern), at 1 spp 0.84 (0.93).
 
 References
 ----------
@@ -31,7 +37,7 @@ from fewrays.errors import SampleError
 from fewrays.lens import Sampling
 from fewrays.samples import MAX_IMAGE_SIZE, MAX_SAMPLES
 
-__all__ = ["MAX_SPP", "check_size", "sample_pattern", "warp_to_lens"]
+__all__ = ["MAX_SPP", "check_size", "sample_pattern", "sample_times", "warp_to_lens"]
 
 Float32 = npt.NDArray[np.float32]
 Float64 = npt.NDArray[np.float64]
@@ -41,6 +47,8 @@ MAX_SPP = 2**20
 """Most samples per pixel in one pattern: with the pixels of a square, the sequence has 2³² points."""
 
 _SQUARE = 64  # pixels a side that share one sequence
+_TIME = 4  # the dimension that times come from; u, v, x and y are 0 to 3
+_SHUFFLE_KEY, _TIME_KEY = 4, 5  # tell apart the hashes that seed scrambling; u, v, x and y have 0 to 3
 
 
 def sample_pattern(
@@ -86,25 +94,49 @@ def sample_pattern(
     SampleError
         For sizes, rows, a seed or a lens density that are out of range.
     """
-    check_size(1 if rows is not None else height, width, spp)
-    first, last = _check_numbers(height, seed, first_sample, rows)
-    row, column = np.meshgrid(
-        np.arange(first, last, dtype=np.uint32), np.arange(width, dtype=np.uint32), indexing="ij"
-    )
-    start = _morton(row % _SQUARE, column % _SQUARE) << np.uint32((spp - 1).bit_length())
-    square = _hash(_hash(row // _SQUARE, seed, first_sample), column // _SQUARE)[..., None]
-    within: UInt32 = np.arange(spp, dtype=np.uint32)
-    index = _shuffle(start[..., None] + within, _hash(square, 4))
-
+    corner, index, square = _sequence(height, width, spp, seed, first_sample, rows)
     points = np.empty((*index.shape, 4))
     for dimension in range(4):
         points[..., dimension] = _owen_sobol(index, dimension, _hash(square, dimension))
 
-    corner = np.stack([column, row], axis=-1)[:, :, None, :]
     xy = (corner + points[..., 2:]).astype(np.float32)
     # Far from the origin float32 rounds the last part of a pixel up into the next one.
     np.minimum(xy, np.nextafter((corner + 1).astype(np.float32), np.float32(0)), out=xy)
     return xy, warp_to_lens(points[..., :2], sampling, sigma)
+
+
+def sample_times(
+    height: int,
+    width: int,
+    spp: int,
+    *,
+    seed: int = 0,
+    first_sample: int = 0,
+    rows: tuple[int, int] | None = None,
+) -> Float32:
+    """Choose a time for every sample that `sample_pattern` makes from the same arguments.
+
+    The two together are stratified as one five-dimensional pattern; still scenes need only the other four.
+
+    Parameters
+    ----------
+    height, width, spp, seed, first_sample, rows
+        As in `sample_pattern`.
+
+    Returns
+    -------
+    ndarray, (H, W, S)
+        Times in ``[0, 1)`` over the shutter, float32, uniform.
+
+    Raises
+    ------
+    SampleError
+        As in `sample_pattern`.
+    """
+    _, index, square = _sequence(height, width, spp, seed, first_sample, rows)
+    times = _owen_sobol(index, _TIME, _hash(square, _TIME_KEY)).astype(np.float32)
+    # The last 2⁻²⁵ before the shutter closes would round to 1.
+    return np.minimum(times, np.nextafter(np.float32(1), np.float32(0)))
 
 
 def warp_to_lens(points: Float64, sampling: Sampling, sigma: float = 1.0 / 3.0) -> Float32:
@@ -170,6 +202,26 @@ def _check_numbers(
     return first, last
 
 
+def _sequence(
+    height: int, width: int, spp: int, seed: int, first_sample: int, rows: tuple[int, int] | None
+) -> tuple[UInt32, UInt32, UInt32]:
+    """Place every sample in its square's sequence.
+
+    Returns the pixels' corners (H, W, 1, 2) as x and y, the samples' numbers in the sequence (H, W, S), and
+    a hash of each pixel's square (H, W, 1) that seeds its scrambling.
+    """
+    check_size(1 if rows is not None else height, width, spp)
+    first, last = _check_numbers(height, seed, first_sample, rows)
+    row, column = np.meshgrid(
+        np.arange(first, last, dtype=np.uint32), np.arange(width, dtype=np.uint32), indexing="ij"
+    )
+    start = _morton(row % _SQUARE, column % _SQUARE) << np.uint32((spp - 1).bit_length())
+    square = _hash(_hash(row // _SQUARE, seed, first_sample), column // _SQUARE)[..., None]
+    within: UInt32 = np.arange(spp, dtype=np.uint32)
+    index = _shuffle(start[..., None] + within, _hash(square, _SHUFFLE_KEY))
+    return np.stack([column, row], axis=-1)[:, :, None, :], index, square
+
+
 def _morton(row: UInt32, column: UInt32) -> UInt32:
     """Interleave the bits of row and column (below 2¹⁶): neighbours on the image, neighbours in the order."""
 
@@ -192,14 +244,14 @@ def _owen_sobol(index: UInt32, dimension: int, seed: UInt32) -> Float64:
 
 @lru_cache(maxsize=1)
 def _sobol_columns() -> UInt32:
-    """Sobol's generator matrices, (4, 32): column k, bits from the top, of each dimension.
+    """Sobol's generator matrices, (5, 32): column k, bits from the top, of each dimension.
 
-    From the primitive polynomials x + 1, x³ + x² + 1 and x² + x + 1.
+    From the primitive polynomials x + 1, x³ + x² + 1, x² + x + 1 and x³ + x + 1.
     """
-    columns = np.zeros((4, 32), np.uint64)
+    columns = np.zeros((5, 32), np.uint64)
     columns[0] = [1 << (31 - k) for k in range(32)]
     for dimension, (degree, middle, initial) in enumerate(
-        ((1, 0, [1]), (3, 2, [1, 1, 5]), (2, 1, [1, 3])), 1
+        ((1, 0, [1]), (3, 2, [1, 1, 5]), (2, 1, [1, 3]), (3, 1, [1, 1, 7])), 1
     ):
         m = list(initial)
         for k in range(degree, 32):
