@@ -1,0 +1,59 @@
+// Where a sample is seen from a point of the lens at a time: Eq. 2 to 4 of Lehtinen et al. 2011, the twin of
+// src/fewrays/temporal/reprojection.py.
+#pragma once
+
+#include <cmath>
+
+#include "host_device.h"
+#include "slope.h"
+
+namespace fewrays {
+
+// A point's path on the screen of the lens centre, in homogeneous coordinates: (x w, y w, w) at the opening of the
+// shutter and its change until the closing, w being the depth.
+struct Path {
+    float x, y, w;
+    float dx, dy, dw;
+};
+
+// A point as seen from a lens point at a time: where, its slope, and how fast it moves over the screen, in pixels per
+// shutter interval.
+struct Sight {
+    float x, y, slope, speed_x, speed_y;
+};
+
+// Share of its own depth below which a point that moves towards the camera is no longer seen.
+constexpr float nearest_share = 1e-3f;
+
+FEWRAYS_HD inline Path path_of(float x, float y, float u, float v, float depth, float time, const float* motion,
+                               float c0, float c1) {
+    const float c = slope(depth, c0, c1);
+    const Path still{(x - u * c) * depth, (y - v * c) * depth, depth, 0.0f, 0.0f, 0.0f};
+    if (!motion) return still;
+    return {still.x - time * motion[0],
+            still.y - time * motion[1],
+            depth - time * motion[2],
+            motion[0],
+            motion[1],
+            motion[2]};
+}
+
+FEWRAYS_HD inline float depth_at(const Path& path, float time) { return path.w + time * path.dw; }
+
+// For a positive depth at that time.
+FEWRAYS_HD inline Sight sight_of(const Path& path, float u, float v, float time, float c0, float c1) {
+    const float reciprocal = 1.0f / depth_at(path, time), c = c0 * reciprocal + c1;
+    const float x = (path.x + time * path.dx) * reciprocal, y = (path.y + time * path.dy) * reciprocal;
+    // The slope changes with the depth as well.
+    const float dc = -c0 * path.dw * reciprocal * reciprocal;
+    return {x + u * c, y + v * c, c, (path.dx - path.dw * x) * reciprocal + u * dc,
+            (path.dy - path.dw * y) * reciprocal + v * dc};
+}
+
+// By how much two points' order along one axis may be reversed while the lens point and the time vary by `along_lens`
+// and `along_time`: at most 0 where they keep it (Eq. 5, with motion).
+FEWRAYS_HD inline float crossing(float distance, float slopes, float speeds, float along_lens, float along_time) {
+    return std::fabs(slopes) * along_lens + std::fabs(speeds) * along_time - std::fabs(distance);
+}
+
+}  // namespace fewrays

@@ -1,0 +1,102 @@
+// Finds the samples that are seen near a place from a point of the lens at a time: the hierarchy of section 4 and
+// Appendix A of Lehtinen et al. 2011.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "math/reprojection.h"
+
+namespace fewrays {
+
+// Samples of a light field, one after the other.
+struct LightField {
+    const float* xy;         // (N, 2)
+    const float* uv;         // (N, 2)
+    const float* depth;      // (N)
+    const float* color;      // (N, 3)
+    const float* time;       // (N), or null where nothing moves
+    const float* motion;     // (N, 3), or null
+    const float* bandwidth;  // (N): standard deviation on the lens over which the radiance holds; or null
+    std::int32_t count;
+    float c0, c1;
+
+    Path path(std::int32_t i) const {
+        return path_of(xy[2 * i], xy[2 * i + 1], uv[2 * i], uv[2 * i + 1], depth[i], time ? time[i] : 0.0f,
+                       motion ? motion + 3 * std::ptrdiff_t{i} : nullptr, c0, c1);
+    }
+};
+
+// A lens point and a time.
+struct View {
+    float u, v, time;
+};
+
+struct Box {
+    float left, right, top, bottom;
+};
+
+// The function lens * a + time * b + c.
+struct Plane {
+    float a, b, c;
+
+    float at(float lens, float time) const { return a * lens + b * time + c; }
+};
+
+// A group of samples, between planes wherever on the lens they are seen from and whenever (Eq. 6).
+struct TreeNode {
+    Plane left, right, top, bottom;
+    float opens, closes;         // the times at which any of the samples can be seen
+    std::int32_t first, second;  // children; of a leaf the first sample as ~first, and the end
+
+    bool leaf() const { return first < 0; }
+    bool meets(const Box& box, const View& view) const {
+        return left.at(view.u, view.time) <= box.right && right.at(view.u, view.time) >= box.left &&
+               top.at(view.v, view.time) <= box.bottom && bottom.at(view.v, view.time) >= box.top &&
+               opens <= view.time && view.time <= closes;
+    }
+};
+
+struct TreeRule {
+    float bin;                                // side of the smallest squares, in pixels
+    int most_samples;                         // of a square that is not divided
+    float along_lens, along_time, tolerance;  // as in SurfaceRule: samples that may cross go to different leaves
+    float left, right, top,
+        bottom;  // samples seen beyond these edges of the lens centre's screen are in its outermost bins
+};
+
+class SampleTree {
+public:
+    SampleTree(const LightField& field, const TreeRule& rule);
+
+    // Calls visit(node number, samples, count) for every leaf that may have samples in the box.
+    template <typename Visit>
+    void visit(const Box& box, const View& view, Visit&& visit_leaf) const {
+        if (nodes_.empty()) return;
+        std::vector<std::int32_t> stack{static_cast<std::int32_t>(nodes_.size()) - 1};
+        while (!stack.empty()) {
+            const std::int32_t number = stack.back();
+            stack.pop_back();
+            const TreeNode& node = nodes_[number];
+            if (!node.meets(box, view)) continue;
+            if (node.leaf()) {
+                visit_leaf(number, order_.data() + ~node.first, node.second - ~node.first);
+            } else {
+                stack.push_back(node.second);
+                stack.push_back(node.first);
+            }
+        }
+    }
+
+    const LightField& field() const { return field_; }
+    std::size_t leaf_count() const { return leaf_count_; }
+    std::size_t bytes() const { return order_.capacity() * sizeof(order_[0]) + nodes_.capacity() * sizeof(nodes_[0]); }
+
+private:
+    const LightField field_;
+    std::vector<std::int32_t> order_;  // of samples, leaf by leaf
+    std::vector<TreeNode> nodes_;      // leaves first, the root last
+    std::size_t leaf_count_ = 0;
+};
+
+}  // namespace fewrays

@@ -1,0 +1,504 @@
+#include "surfaces.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "math/reprojection.h"
+#include "simd.h"
+
+namespace fewrays {
+namespace {
+
+constexpr int lanes = read_beyond;
+constexpr float infinity = std::numeric_limits<float>::infinity();
+constexpr int least_samples = 4;  // of a surface that stands on its own
+
+template <typename Combine>
+FEWRAYS_INLINE float across(const float* values, Combine&& combine) {
+    float result = values[0];
+    for (int lane = 1; lane < lanes; ++lane) result = combine(result, values[lane]);
+    return result;
+}
+
+FEWRAYS_INLINE float lesser(float a, float b) { return a < b ? a : b; }
+FEWRAYS_INLINE float greater(float a, float b) { return a > b ? a : b; }
+
+// The range of a quantity.
+struct Span {
+    float low[lanes], high[lanes];
+
+    FEWRAYS_INLINE Span() {
+        for (int lane = 0; lane < lanes; ++lane) {
+            low[lane] = infinity;
+            high[lane] = -infinity;
+        }
+    }
+    FEWRAYS_INLINE void include(int lane, bool wanted, float value) {
+        low[lane] = wanted && value < low[lane] ? value : low[lane];
+        high[lane] = wanted && value > high[lane] ? value : high[lane];
+    }
+    FEWRAYS_INLINE float least() const { return across(low, lesser); }
+    FEWRAYS_INLINE float most() const { return across(high, greater); }
+    FEWRAYS_INLINE float width() const { return most() - least(); }
+};
+
+struct Place {
+    float x, y, radius, tent;
+};
+
+// What the samples within R are that lie in front of a slope.
+struct Group {
+    float spread;       // by how much two of them might cross, at most
+    float least, most;  // slopes
+    int quadrants;
+    float weight, red, green, blue;  // sums under the tent
+};
+
+template <bool moving, bool glossy>
+FEWRAYS_INLINE Group group_in_front(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
+                                    float farthest, const SurfaceRule& rule) {
+    float sums[4][lanes] = {}, quadrants[4][lanes] = {};
+    Span slopes, speeds_x, speeds_y;
+    const float radius2 = place.radius * place.radius, per_tent = 1.0f / place.tent, at_x = place.x, at_y = place.y;
+    for (int row = 0; row < row_count; ++row)
+        for (std::int32_t first = rows[row].first; first < rows[row].end; first += lanes) {
+            const std::int32_t left = rows[row].end - first;
+            for (int lane = 0; lane < lanes; ++lane) {
+                const float dx = sights.x[first + lane] - at_x, dy = sights.y[first + lane] - at_y;
+                const float distance2 = dx * dx + dy * dy, c = sights.slope[first + lane];
+                const bool wanted = (distance2 <= radius2) & (lane < left) & (c <= farthest);
+                slopes.include(lane, wanted, c);
+                if constexpr (moving) {
+                    speeds_x.include(lane, wanted, sights.speed_x[first + lane]);
+                    speeds_y.include(lane, wanted, sights.speed_y[first + lane]);
+                }
+                const bool right = dx >= 0, below = dy >= 0;
+                quadrants[0][lane] = wanted & !right & !below ? 1.0f : quadrants[0][lane];
+                quadrants[1][lane] = wanted & right & !below ? 1.0f : quadrants[1][lane];
+                quadrants[2][lane] = wanted & !right & below ? 1.0f : quadrants[2][lane];
+                quadrants[3][lane] = wanted & right & below ? 1.0f : quadrants[3][lane];
+                const float beside = 1.0f - std::sqrt(wanted ? distance2 : 0.0f) * per_tent;
+                float weight = wanted && beside > 0.0f ? beside : 0.0f;
+                if constexpr (glossy) weight *= sights.weight[first + lane];
+                sums[0][lane] += weight;
+                sums[1][lane] += weight * sights.red[first + lane];
+                sums[2][lane] += weight * sights.green[first + lane];
+                sums[3][lane] += weight * sights.blue[first + lane];
+            }
+        }
+    const auto add = [](float a, float b) { return a + b; };
+    Group group{slopes.width() * rule.along_lens,
+                slopes.least(),
+                slopes.most(),
+                0,
+                across(sums[0], add),
+                across(sums[1], add),
+                across(sums[2], add),
+                across(sums[3], add)};
+    for (int quadrant = 0; quadrant < 4; ++quadrant) group.quadrants += across(quadrants[quadrant], greater) > 0.0f;
+    if constexpr (moving) group.spread += greater(speeds_x.width(), speeds_y.width()) * rule.along_time;
+    return group;
+}
+
+using GroupInFront = Group (*)(const Sights&, const SightRow*, int, const Place&, float, const SurfaceRule&);
+
+FEWRAYS_CLONES Group group_still(const Sights& s, const SightRow* rows, int count, const Place& place, float farthest,
+                                 const SurfaceRule& rule) {
+    return group_in_front<false, false>(s, rows, count, place, farthest, rule);
+}
+FEWRAYS_CLONES Group group_moving(const Sights& s, const SightRow* rows, int count, const Place& place, float farthest,
+                                  const SurfaceRule& rule) {
+    return group_in_front<true, false>(s, rows, count, place, farthest, rule);
+}
+FEWRAYS_CLONES Group group_glossy(const Sights& s, const SightRow* rows, int count, const Place& place, float farthest,
+                                  const SurfaceRule& rule) {
+    return group_in_front<false, true>(s, rows, count, place, farthest, rule);
+}
+FEWRAYS_CLONES Group group_both(const Sights& s, const SightRow* rows, int count, const Place& place, float farthest,
+                                const SurfaceRule& rule) {
+    return group_in_front<true, true>(s, rows, count, place, farthest, rule);
+}
+
+GroupInFront group_function(const Sights& sights) {
+    if (sights.speed_x) return sights.weight ? group_both : group_moving;
+    return sights.weight ? group_glossy : group_still;
+}
+
+float crossing_of(const Sights& s, std::ptrdiff_t a, std::ptrdiff_t b, const SurfaceRule& rule) {
+    const float slopes = s.slope[a] - s.slope[b];
+    const float speed_x = s.speed_x ? s.speed_x[a] - s.speed_x[b] : 0.0f;
+    const float speed_y = s.speed_x ? s.speed_y[a] - s.speed_y[b] : 0.0f;
+    return std::max(crossing(s.x[a] - s.x[b], slopes, speed_x, rule.along_lens, rule.along_time),
+                    crossing(s.y[a] - s.y[b], slopes, speed_y, rule.along_lens, rule.along_time));
+}
+
+// The sample next behind a slope, of those within a distance.
+struct Next {
+    float slope;         // infinite if there is none
+    std::int32_t index;  // of the sample
+    bool alone;          // whether no other has this slope
+    bool crosses;        // whether it crosses one of those in front
+};
+
+template <bool moving>
+FEWRAYS_INLINE Next find_next(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
+                              float farthest, const SurfaceRule& rule) {
+    float best[lanes], equals[lanes] = {};
+    std::int32_t which[lanes] = {};
+    for (int lane = 0; lane < lanes; ++lane) best[lane] = infinity;
+    const float radius2 = place.radius * place.radius, at_x = place.x, at_y = place.y;
+    for (int row = 0; row < row_count; ++row)
+        for (std::int32_t first = rows[row].first; first < rows[row].end; first += lanes) {
+            const std::int32_t left = rows[row].end - first;
+            for (int lane = 0; lane < lanes; ++lane) {
+                const float dx = sights.x[first + lane] - at_x, dy = sights.y[first + lane] - at_y;
+                const float c = sights.slope[first + lane];
+                const bool behind = (dx * dx + dy * dy <= radius2) & (lane < left) & (c > farthest);
+                const bool better = behind & (c < best[lane]);
+                equals[lane] = better ? 0.0f : (behind & (c == best[lane]) ? 1.0f : equals[lane]);
+                which[lane] = better ? first + lane : which[lane];
+                best[lane] = better ? c : best[lane];
+            }
+        }
+    int nearest = 0;
+    for (int lane = 1; lane < lanes; ++lane)
+        if (best[lane] < best[nearest]) nearest = lane;
+    Next next{best[nearest], which[nearest], equals[nearest] == 0.0f, false};
+    if (!(next.slope < infinity)) return next;
+    for (int lane = 0; lane < lanes; ++lane) next.alone &= lane == nearest || best[lane] != next.slope;
+
+    const float x = sights.x[next.index], y = sights.y[next.index];
+    for (int row = 0; row < row_count; ++row)
+        for (std::int32_t first = rows[row].first; first < rows[row].end; first += lanes) {
+            const std::int32_t left = rows[row].end - first;
+            int crosses = 0;
+            for (int lane = 0; lane < lanes; ++lane) {
+                const float dx = sights.x[first + lane] - at_x, dy = sights.y[first + lane] - at_y;
+                const float c = sights.slope[first + lane];
+                const bool in_front = (dx * dx + dy * dy <= radius2) & (lane < left) & (c <= farthest);
+                float over_x = (next.slope - c) * rule.along_lens - rule.tolerance, over_y = over_x;
+                if constexpr (moving) {
+                    over_x += std::fabs(sights.speed_x[next.index] - sights.speed_x[first + lane]) * rule.along_time;
+                    over_y += std::fabs(sights.speed_y[next.index] - sights.speed_y[first + lane]) * rule.along_time;
+                }
+                const bool over =
+                    (over_x > std::fabs(x - sights.x[first + lane])) | (over_y > std::fabs(y - sights.y[first + lane]));
+                crosses |= static_cast<int>(in_front & over);
+            }
+            if (crosses) {
+                next.crosses = true;
+                return next;
+            }
+        }
+    return next;
+}
+
+FEWRAYS_CLONES Next next_still(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
+                               float farthest, const SurfaceRule& rule) {
+    return find_next<false>(sights, rows, row_count, place, farthest, rule);
+}
+FEWRAYS_CLONES Next next_moving(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
+                                float farthest, const SurfaceRule& rule) {
+    return find_next<true>(sights, rows, row_count, place, farthest, rule);
+}
+
+// By how much samples up to a slope might cross, at most, for what moves.
+FEWRAYS_CLONES float spread_of_moving(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
+                                      float farthest, const SurfaceRule& rule) {
+    Span slopes, speeds_x, speeds_y;
+    const float radius2 = place.radius * place.radius;
+    for (int row = 0; row < row_count; ++row)
+        for (std::int32_t first = rows[row].first; first < rows[row].end; first += lanes)
+            for (int lane = 0; lane < lanes; ++lane) {
+                const float dx = sights.x[first + lane] - place.x, dy = sights.y[first + lane] - place.y;
+                const float c = sights.slope[first + lane];
+                const bool in_front = (dx * dx + dy * dy <= radius2) & (lane < rows[row].end - first) & (c <= farthest);
+                slopes.include(lane, in_front, c);
+                speeds_x.include(lane, in_front, sights.speed_x[first + lane]);
+                speeds_y.include(lane, in_front, sights.speed_y[first + lane]);
+            }
+    return slopes.width() * rule.along_lens + greater(speeds_x.width(), speeds_y.width()) * rule.along_time;
+}
+
+// How far back the surface reaches whose nearest sample has the slope `least` (Figure 7): samples of nearly that slope
+// cross nowhere, and after them each joins until one crosses another. Infinite, but negative, where that is not so or
+// takes long: the samples must be put in order then.
+float end_of_surface(const Sights& sights, const SightRow* rows, int row_count, const Place& place, float least,
+                     const SurfaceRule& rule) {
+    constexpr int most_steps = 12;
+    float farthest = least + 0.999f * rule.tolerance / rule.along_lens;
+    if (sights.speed_x && spread_of_moving(sights, rows, row_count, place, farthest, rule) > rule.tolerance)
+        return -infinity;
+    const auto find = sights.speed_x ? next_moving : next_still;
+    for (int step = 0; step < most_steps; ++step) {
+        const Next next = find(sights, rows, row_count, place, farthest, rule);
+        if (next.crosses || !(next.slope < infinity)) return farthest;
+        if (!next.alone) return -infinity;
+        farthest = next.slope;
+    }
+    return -infinity;
+}
+
+constexpr float taken = infinity;  // the depth of samples that a surface has taken
+constexpr float far_away = 1e18f;
+
+// Whether one of the points after the j-th forms a triangle with the i-th and the j-th that holds the origin and has no
+// longer edges.
+FEWRAYS_CLONES bool closes_triangle(const float* FEWRAYS_RESTRICT x, const float* FEWRAYS_RESTRICT y, int n, int i,
+                                    int j, float longest) {
+    const float ax = x[i], ay = y[i], bx = x[j], by = y[j], ab = ax * by - ay * bx;
+    for (int first = j + 1; first < n; first += lanes) {
+        int closes = 0;
+        for (int lane = 0; lane < lanes; ++lane) {
+            const float cx = x[first + lane], cy = y[first + lane];
+            const float bc = bx * cy - by * cx, ca = cx * ay - cy * ax;
+            const bool inside = ((ab >= 0) & (bc >= 0) & (ca >= 0)) | ((ab <= 0) & (bc <= 0) & (ca <= 0));
+            const bool near = ((cx - ax) * (cx - ax) + (cy - ay) * (cy - ay) <= longest) &
+                              ((cx - bx) * (cx - bx) + (cy - by) * (cy - by) <= longest);
+            closes |= static_cast<int>(inside & near);
+        }
+        if (closes) return true;
+    }
+    return false;
+}
+
+}  // namespace
+
+void Crowd::begin(const Sights& from, int most) {
+    from_ = from;
+    size_ = 0;
+    const std::size_t room = static_cast<std::size_t>(most) + read_beyond;
+    if (x_.size() >= room) return;
+    source_.resize(room);
+    for (auto* field : {&x_, &y_, &slope_, &speed_x_, &speed_y_}) field->resize(room);
+}
+
+void Crowd::finish() {
+    for (int i = 0; i < size_; ++i) slope_[i] = from_.slope[source_[i]];
+    if (!from_.speed_x) return;
+    for (int i = 0; i < size_; ++i) {
+        speed_x_[i] = from_.speed_x[source_[i]];
+        speed_y_[i] = from_.speed_y[source_[i]];
+    }
+}
+
+Sights Crowd::sights() const {
+    Sights sights{};
+    sights.x = x_.data();
+    sights.y = y_.data();
+    sights.slope = slope_.data();
+    if (from_.speed_x) {
+        sights.speed_x = speed_x_.data();
+        sights.speed_y = speed_y_.data();
+    }
+    return sights;
+}
+
+// The usual cases: one surface, or a front one that fills all four quadrants around the location. A surface is taken at
+// a glance to be all samples that differ little in slope; it is that if the next sample behind crosses one of them
+// (Figure 7).
+Surfaces::Verdict Surfaces::glance(const Sights& sights, const SightRow* rows, int row_count, float x, float y,
+                                   float* seen) {
+    const GroupInFront group_of = group_function(sights);
+    const Place place{x, y, rule_.radius, rule_.tent * rule_.radius};
+    const auto take = [&](const Group& group, std::int64_t& counter) {
+        ++counter;
+        seen[0] = group.red / group.weight;
+        seen[1] = group.green / group.weight;
+        seen[2] = group.blue / group.weight;
+        seen[3] = group.least;
+        return Verdict::found;
+    };
+    const Group all = group_of(sights, rows, row_count, place, infinity, rule_);
+    if (all.least == infinity) return Verdict::nothing;
+    if (all.spread <= rule_.tolerance && all.weight > 0) {
+        ++statistics_.surfaces;
+        return take(all, statistics_.single);
+    }
+    const float farthest = end_of_surface(sights, rows, row_count, place, all.least, rule_);
+    if (farthest == -infinity) return Verdict::several;
+    if (all.most <= farthest && all.weight > 0) {
+        ++statistics_.surfaces;
+        return take(all, statistics_.single);
+    }
+    const Group front = group_of(sights, rows, row_count, place, farthest, rule_);
+    if (front.quadrants < 4 || !(front.weight > 0)) return Verdict::several;
+    statistics_.surfaces += 2;
+    return take(front, statistics_.quadrants);
+}
+
+// The same with a close look at the crowd within R, where a triangle may show as well that the front surface covers the
+// location.
+Surfaces::Verdict Surfaces::front_surface(float* seen) {
+    begin_surfaces();
+    next_surface();
+    std::int64_t* counter = nullptr;
+    if (left_ == 0)
+        counter = &statistics_.single;
+    else if (fills_quadrants())
+        counter = &statistics_.quadrants;
+    else if (covers())
+        counter = &statistics_.covered;
+    else
+        return Verdict::several;
+    ++*counter;
+    statistics_.surfaces += left_ == 0 ? 1 : 2;
+    filter(rule_.radius, seen);
+    return Verdict::found;
+}
+
+void Surfaces::begin_surfaces() {
+    sights_ = crowd_.sights();
+    left_ = crowd_.size();
+    depth_.assign(sights_.slope, sights_.slope + left_);
+    depth_.resize(static_cast<std::size_t>(left_) + read_beyond, taken);
+    surface_.clear();
+}
+
+// The first surface of the crowd that covers the location, or the last of all. Surfaces of too few samples to tell what
+// they cover blend with the next behind them.
+void Surfaces::choose(float radius, float* seen) {
+    begin_surfaces();
+    while (true) {
+        next_surface();
+        ++statistics_.surfaces;
+        const bool last = left_ == 0;
+        if (!last && surface_.size() < least_samples) {
+            ++statistics_.merged;
+            continue;
+        }
+        if (last || covers()) {
+            ++(last ? statistics_.last : statistics_.covered);
+            return filter(radius, seen);
+        }
+        surface_.clear();
+    }
+}
+
+// Takes the frontmost samples that are left, as long as each crosses none of those taken (Figure 7).
+void Surfaces::next_surface() {
+    Sights left = sights_;
+    left.slope = depth_.data();
+    const SightRow all{0, crowd_.size()};
+    const float least = *std::min_element(depth_.begin(), depth_.end());
+    const float farthest = end_of_surface(left, &all, 1, {0.0f, 0.0f, far_away, 0.0f}, least, rule_);
+    if (farthest > -infinity) {
+        std::size_t size = surface_.size();
+        surface_.resize(size + static_cast<std::size_t>(left_));
+        for (int i = 0; left_ > 0 && i < crowd_.size(); ++i) {
+            const bool takes = depth_[i] <= farthest;
+            surface_[size] = i;
+            depth_[i] = takes ? taken : depth_[i];
+            size += takes;
+            left_ -= takes;
+        }
+        surface_.resize(size);
+        return;
+    }
+    order_.clear();
+    for (int i = 0; i < crowd_.size(); ++i)
+        if (depth_[i] < taken) order_.push_back(i);
+    std::sort(order_.begin(), order_.end(), [&](int a, int b) {
+        if (sights_.slope[a] != sights_.slope[b]) return sights_.slope[a] < sights_.slope[b];
+        return sights_.x[a] != sights_.x[b] ? sights_.x[a] < sights_.x[b] : sights_.y[a] < sights_.y[b];
+    });
+    const auto fits = [&](std::vector<int>::iterator sample) {
+        return std::all_of(order_.begin(), sample,
+                           [&](int other) { return crossing_of(sights_, *sample, other, rule_) <= rule_.tolerance; });
+    };
+    for (auto sample = order_.begin(); sample != order_.end() && fits(sample); ++sample) {
+        surface_.push_back(*sample);
+        depth_[*sample] = taken;
+        --left_;
+    }
+}
+
+// Whether a triangle of samples holds the location: no edge longer than 2R, and a corner within R. A surface reaches
+// farther than its outermost samples: they are moved towards the location by what it juts out on average.
+bool Surfaces::covers() {
+    move_towards_location();
+    const auto n = static_cast<int>(surface_.size());
+    if (on_one_side(n)) return false;
+    const float radius2 = rule_.radius * rule_.radius, longest = 4 * radius2;
+    int corners = 0;  // those within R come first: one of them is a corner
+    for (int i = 0; i < n; ++i)
+        if (ring_x_[i] * ring_x_[i] + ring_y_[i] * ring_y_[i] <= radius2) {
+            std::swap(ring_x_[i], ring_x_[corners]);
+            std::swap(ring_y_[i], ring_y_[corners++]);
+        }
+    for (int i = 0; i < corners; ++i)
+        for (int j = i + 1; j < n; ++j) {
+            const float x = ring_x_[j] - ring_x_[i], y = ring_y_[j] - ring_y_[i];
+            if (x * x + y * y <= longest && closes_triangle(ring_x_.data(), ring_y_.data(), n, i, j, longest))
+                return true;
+        }
+    return false;
+}
+
+// Copies the surface's positions, moved by the overhang against the mean direction of those within R.
+void Surfaces::move_towards_location() {
+    float x = 0, y = 0;
+    for (int i : surface_) {
+        const float distance2 = sights_.x[i] * sights_.x[i] + sights_.y[i] * sights_.y[i];
+        const float weight = std::max(1 - distance2 / (rule_.radius * rule_.radius), 0.0f);
+        x += weight * sights_.x[i];
+        y += weight * sights_.y[i];
+    }
+    const float length = std::sqrt(x * x + y * y);
+    const float step = length > 0 ? rule_.overhang / length : 0.0f;
+    const std::size_t n = surface_.size();
+    for (auto* axis : {&ring_x_, &ring_y_}) axis->assign(n + read_beyond, far_away);
+    for (std::size_t i = 0; i < n; ++i) {
+        ring_x_[i] = sights_.x[surface_[i]] - step * x;
+        ring_y_[i] = sights_.y[surface_[i]] - step * y;
+    }
+}
+
+bool Surfaces::fills_quadrants() const {
+    int quadrants = 0;
+    for (int i : surface_) quadrants |= 1 << ((sights_.x[i] >= 0) + 2 * (sights_.y[i] >= 0));
+    return quadrants == 15;
+}
+
+// Whether a line through the location has all of the surface on one side: then no triangle holds it.
+bool Surfaces::on_one_side(int n) const {
+    const float *const x = ring_x_.data(), *const y = ring_y_.data();
+    const auto turn = [&](int a, int b) { return x[a] * y[b] - y[a] * x[b]; };
+    int left = -1, right = -1;  // the farthest from the first, turning either way
+    for (int i = 0; i < n; ++i) {
+        const float side = turn(0, i);
+        if (side >= 0) {
+            if (side == 0 && x[0] * x[i] + y[0] * y[i] < 0) return false;
+            if (left < 0 || turn(left, i) > 0) left = i;
+        } else if (right < 0 || turn(right, i) < 0) {
+            right = i;
+        }
+    }
+    return right < 0 || turn(right, left) > 0;
+}
+
+void Surfaces::filter(float radius, float* seen) const {
+    const Sights& from = crowd_.from();
+    for (radius *= rule_.tent;; radius *= 2) {
+        float sums[4] = {};
+        for (int i : surface_) {
+            const float distance = std::sqrt(sights_.x[i] * sights_.x[i] + sights_.y[i] * sights_.y[i]);
+            const std::ptrdiff_t source = crowd_.source(i);
+            float weight = std::max(1 - distance / radius, 0.0f);
+            if (from.weight) weight *= from.weight[source];
+            sums[0] += weight;
+            sums[1] += weight * from.red[source];
+            sums[2] += weight * from.green[source];
+            sums[3] += weight * from.blue[source];
+        }
+        if (!(sums[0] > 0)) continue;
+        for (int channel = 0; channel < 3; ++channel) seen[channel] = sums[1 + channel] / sums[0];
+        seen[3] = sights_.slope[surface_.front()];
+        for (int i : surface_) seen[3] = lesser(seen[3], sights_.slope[i]);
+        return;
+    }
+}
+
+}  // namespace fewrays

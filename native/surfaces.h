@@ -1,0 +1,131 @@
+// What is seen at one reconstruction location: section 3.2 and 3.3 of Lehtinen et al. 2011. Twin of
+// src/fewrays/temporal/surfaces.py.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace fewrays {
+
+struct SurfaceRule {
+    float radius;                  // R, in pixels: no hole of the samples is wider
+    float along_lens, along_time;  // how far lens points and times vary within a location
+    float tolerance;               // pixels that samples of a surface may cross
+    float tent;                    // radius of the tent filter, in R
+    float overhang;                // pixels that a surface juts out beyond its outermost samples, on average
+};
+
+// Samples as seen from one lens point at one time.
+struct Sights {
+    const float *x, *y, *slope;
+    const float *speed_x, *speed_y;  // null where nothing moves
+    const float* weight;             // less than 1 for samples far from their own lens point; null where all are matte
+    const float *red, *green, *blue;
+};
+
+// Some of them, one after the other. Arrays have room for `read_beyond` more.
+struct SightRow {
+    std::int32_t first, end;
+};
+constexpr int read_beyond = 16;
+
+// Samples near a location; positions are relative to it.
+class Crowd {
+public:
+    // Begins anew, with at most so many of certain samples.
+    void begin(const Sights& from, int most);
+    void add(float x, float y, std::int32_t i, bool wanted = true) {
+        x_[size_] = x;
+        y_[size_] = y;
+        source_[size_] = i;
+        size_ += wanted;
+    }
+    void finish();  // looks up what else there is to know of them
+
+    int size() const { return size_; }
+    const Sights& from() const { return from_; }
+    std::ptrdiff_t source(int i) const { return source_[i]; }
+    Sights sights() const;  // positions, slopes and speeds
+
+private:
+    Sights from_{};
+    int size_ = 0;
+    std::vector<std::int32_t> source_;
+    std::vector<float> x_, y_, slope_, speed_x_, speed_y_;
+};
+
+// How often each case has occurred.
+struct SurfaceStatistics {
+    std::int64_t locations, empty, single, quadrants, covered, last;  // by how the surface was found
+    std::int64_t wide, surfaces, merged;                              // looks beyond R; surfaces seen, and joined
+};
+
+class Surfaces {
+public:
+    explicit Surfaces(const SurfaceRule& rule) : rule_(rule) {}
+
+    // Finds what is seen at a location, radiance and slope; false if no sample is near. All samples within R are in the
+    // rows; look(radius, crowd) collects those within a radius.
+    template <typename Look>
+    bool resolve(const Sights& sights, const SightRow* rows, int row_count, float x, float y, Look&& look,
+                 float* seen) {
+        ++statistics_.locations;
+        float radius = rule_.radius;
+        const auto look_closely = [&] {
+            look(radius, crowd_);
+            crowd_.finish();
+        };
+        Verdict verdict = glance(sights, rows, row_count, x, y, seen);
+        if (verdict == Verdict::several) {
+            look_closely();
+            verdict = front_surface(seen);
+        }
+        if (verdict == Verdict::found) return true;
+        ++statistics_.wide;
+        radius *= 2;
+        look_closely();
+        if (verdict == Verdict::nothing) {
+            while (crowd_.size() == 0 && radius < widest * rule_.radius) {
+                radius *= 2;
+                look_closely();
+            }
+            if (crowd_.size() == 0) {
+                ++statistics_.empty;
+                return false;
+            }
+        }
+        choose(verdict == Verdict::nothing ? radius : rule_.radius, seen);
+        return true;
+    }
+
+    const SurfaceStatistics& statistics() const { return statistics_; }
+
+private:
+    enum class Verdict { found, several, nothing };
+
+    static constexpr float widest = 8;  // of the radii, in R
+
+    Verdict glance(const Sights& sights, const SightRow* rows, int row_count, float x, float y, float* seen);
+    Verdict front_surface(float* seen);
+    void choose(float radius, float* seen);
+    void begin_surfaces();
+    void next_surface();
+    bool covers();
+    bool fills_quadrants() const;
+    bool on_one_side(int n) const;
+    void move_towards_location();
+    void filter(float radius, float* seen) const;
+
+    const SurfaceRule rule_;
+    Crowd crowd_;
+    Sights sights_{};           // of the crowd
+    std::vector<float> depth_;  // of the crowd: slopes, infinite for what surfaces have taken
+    int left_ = 0;              // of the crowd: how many no surface has taken
+    std::vector<int> order_;
+    std::vector<int> surface_;            // the samples of the surface at hand
+    std::vector<float> ring_x_, ring_y_;  // positions of the surface at hand, for covers()
+    SurfaceStatistics statistics_{};
+};
+
+}  // namespace fewrays

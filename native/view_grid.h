@@ -1,0 +1,78 @@
+// The samples that are seen in a small part of the image from one lens point at one time, sorted into a grid.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "sample_tree.h"
+#include "surfaces.h"
+
+namespace fewrays {
+
+// Copies of the samples around a tile, leaf by leaf, as long as the views of the tile need them.
+class LeafCache {
+public:
+    explicit LeafCache(const SampleTree& tree) : tree_(tree), place_of_leaf_(tree.leaf_count(), -1) {}
+
+    struct Place {
+        std::int32_t first, count;  // of the copies, with those that fill up the last group
+    };
+
+    void clear();
+    bool full() const { return fields_[0].size() > most_samples; }
+    Place place(std::int32_t leaf, const std::int32_t* samples, std::int32_t count);
+
+    bool moving() const { return tree_.field().motion != nullptr; }
+    bool glossy() const { return tree_.field().bandwidth != nullptr; }
+    // Paths: x, y and the slope of what is still; x, y, w, their changes and the least w of what moves. Then red, green
+    // and blue, and the lens point and bandwidth of what is glossy.
+    const float* field(int number) const { return fields_[number].data(); }
+    int color_field() const { return moving() ? 7 : 3; }
+    int gloss_field() const { return color_field() + 3; }
+
+    static constexpr int group = 8;  // samples that places are multiples of
+
+private:
+    static constexpr std::size_t most_samples = std::size_t{1} << 19;
+
+    const SampleTree& tree_;
+    std::vector<std::int32_t> place_of_leaf_, leaves_;
+    std::vector<float> fields_[13];
+};
+
+class ViewGrid {
+public:
+    ViewGrid(const SampleTree& tree, float cell) : tree_(tree), cell_(cell), cache_(tree) {}
+
+    // Forgets the copies made for an earlier part of the image.
+    void clear() { cache_.clear(); }
+    // Collects what is seen in a box.
+    void fill(const Box& box, const View& view);
+
+    // The rows of cells within a distance of a place in the box, less than three cells.
+    static constexpr int most_rows = 6;
+    int rows_around(float x, float y, float distance, SightRow* rows) const;
+
+    Sights sights() const;  // sorted by cell
+
+private:
+    bool moving() const { return cache_.moving(); }
+    bool glossy() const { return cache_.glossy(); }
+    void project(const View& view);
+    void sort(const View& view);
+
+    const SampleTree& tree_;
+    const float cell_;
+    LeafCache cache_;
+    Box box_{};
+    int rows_ = 0, columns_ = 0;
+    std::vector<LeafCache::Place> places_;
+    std::vector<float> seen_[5];  // x, y, slope and speeds of the samples of all places
+    std::vector<std::int32_t> cells_, sources_, starts_;
+    std::vector<float> sorted_[9];
+};
+
+// How much a sample counts from a lens point that lies (u, v) from its own, for a bandwidth; an infinite one fully.
+float gloss_weight(float u, float v, float bandwidth);
+
+}  // namespace fewrays

@@ -1,0 +1,139 @@
+"""Temporal light field reconstruction, after Lehtinen, Aila, Chen, Laine and Durand 2011.
+
+Every pixel reads the light field at many locations: image position, lens point and time. At each, the
+samples are seen from that lens point at that time (`reprojection`), those nearby are told apart into
+surfaces, and the one that covers the location is filtered (`surfaces`). `reference` does that one location
+after the other, in plain NumPy. The native engine goes view by view: all pixels of a tile share a lens point
+and a time, so that one pass over the samples nearby serves all of them (`kernel`); `hierarchy` finds these
+samples, and serves locations that have nothing in common. `locations` says where a pixel reads, `dispersion`
+how far apart samples can be, and `refine` makes more of the result than its mean.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from fewrays.aperture import Aperture, ApertureShape
+from fewrays.errors import require_option
+from fewrays.lens import Lens
+from fewrays.method import Method, Reconstruction
+from fewrays.parallel import Execution
+from fewrays.pixel_filter import PixelFilter, PixelFilterShape
+from fewrays.samples import SampleBuffer
+from fewrays.temporal import kernel, reference
+from fewrays.temporal.locations import make_locations
+from fewrays.temporal.plan import Plan, SurfaceRule
+from fewrays.temporal.refine import correct, sample_mean, smooth_bands
+from fewrays.temporal.shutter import Shutter, ShutterResponse
+
+__all__ = ["METHOD", "TemporalOptions"]
+
+_TILE = 32
+
+
+@dataclass(frozen=True, kw_only=True)
+class TemporalOptions:
+    """Options of ``method="temporal"``."""
+
+    locations: int = 128
+    """Places at which every pixel reads the light field: time grows with them, noise shrinks."""
+    pixel_filter: PixelFilterShape = "box"
+    """Pixel filter."""
+    sigma_pix: float = 0.5
+    """Standard deviation of the Gaussian pixel filter, in pixels."""
+    aperture: Literal["lens"] | ApertureShape = "lens"
+    """Shape of the aperture; that of the samples' lens by default."""
+    blades: int = 6
+    """Corners of a polygonal aperture."""
+    rotation: float = 0.0
+    """Direction of its first corner, in degrees."""
+    roundness: float = 0.0
+    """Curvature of its sides: 0 for straight ones, 1 for those of a disc."""
+    shutter: tuple[float, float] = (0.0, 1.0)
+    """When the shutter opens and closes, in [0, 1] over the shutter of the samples."""
+    shutter_response: ShutterResponse = "box"
+    """How open the shutter is in between."""
+    radius_scale: float = 1.7
+    """Radius within which samples are gathered, in units of the largest hole that their pattern leaves."""
+    tent_scale: float = 1.0
+    """Radius of the tent filter over a surface's samples, in units of that radius."""
+    smoothing: float = 1.0
+    """How much to smooth wide blur, in units of the noise that few locations leave there; 0 for none."""
+    correction: float = 1.8
+    """Scale in pixels on which the image is corrected towards the samples' own mean; 0 for none."""
+
+    def __post_init__(self) -> None:
+        require_option("locations", self.locations, 1 <= self.locations <= 65536, "from 1 to 65536")
+        require_option("radius_scale", self.radius_scale, 0.25 <= self.radius_scale <= 8, "from 0.25 to 8")
+        require_option("tent_scale", self.tent_scale, 0.25 <= self.tent_scale <= 2, "from 0.25 to 2")
+        require_option("smoothing", self.smoothing, 0 <= self.smoothing <= 4, "from 0 to 4")
+        require_option(
+            "correction",
+            self.correction,
+            self.correction == 0 or 0.5 <= self.correction <= 16,
+            "0 or from 0.5 to 16 px",
+        )
+        self.open_shutter()
+        self.filter_of_pixels()
+        self.aperture_of(Lens(-1.0, 1.0))
+
+    def aperture_of(self, lens: Lens) -> Aperture:
+        """Return the aperture to integrate over."""
+        if self.aperture == "lens":
+            return Aperture.of_lens(lens)
+        return Aperture(self.aperture, lens.sigma, self.blades, self.rotation, self.roundness)
+
+    def filter_of_pixels(self) -> PixelFilter:
+        """Return the pixel filter."""
+        return PixelFilter(self.pixel_filter, self.sigma_pix)
+
+    def open_shutter(self) -> Shutter:
+        """Return the shutter."""
+        return Shutter(*self.shutter, self.shutter_response)
+
+
+def make_plan(samples: SampleBuffer, options: TemporalOptions) -> Plan:
+    """Lay out locations and measure what makes a surface."""
+    return Plan(
+        height=samples.height,
+        width=samples.width,
+        tile=_TILE,
+        locations=make_locations(
+            options.locations,
+            options.aperture_of(samples.lens),
+            options.filter_of_pixels(),
+            options.open_shutter(),
+        ),
+        rule=SurfaceRule.for_samples(
+            samples,
+            options.locations,
+            radius_scale=options.radius_scale,
+            tent_scale=options.tent_scale,
+        ),
+    )
+
+
+def _run(samples: SampleBuffer, options: TemporalOptions, execution: Execution) -> Reconstruction:
+    plan = make_plan(samples, options)
+    bands = np.zeros((samples.height, samples.width, len(plan.band_starts), 4), np.float32)
+    engine = reference if execution.device == "reference" else kernel
+    engine.reconstruct_tiles(samples, plan, bands, execution)
+    image = smooth_bands(bands, plan.band_starts, options.smoothing * plan.rule.along_lens)
+    if options.correction:
+        aperture, shutter = options.aperture_of(samples.lens), options.open_shutter()
+        mean = sample_mean(samples, aperture, options.filter_of_pixels(), shutter)
+        image = correct(image, mean, options.correction)
+    return Reconstruction(image)
+
+
+METHOD = Method(
+    name="temporal",
+    summary="samples seen from many lens points and times, with visibility resolved at each",
+    options=TemporalOptions,
+    devices=("cpu", "reference"),
+    run=_run,
+)
+"""The paper's method for defocus and motion; soft shadows are apart."""

@@ -1,0 +1,126 @@
+"""How large the holes between samples can get: the radius R of temporal, section 3.3.
+
+The dispersion of a set of points is the radius of the largest circle that holds none of them. Samples that
+are well distributed in (x, y, u, v, t) are less so on the screen once they are reprojected to another lens
+point and time, and how much less depends on how fast they move across it. So the dispersion is measured from
+the samples' own pattern, as that of a plane parallel to the image which covers everything, for several slopes
+and speeds. Nothing of the scene enters: neither depths nor colours.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from fewrays.samples import SampleBuffer
+
+__all__ = ["dispersion", "published_radius"]
+
+Float64 = npt.NDArray[np.float64]
+
+_SIDE = 12  # pixels of the square whose holes are measured
+_BORDER = 2  # pixels around it, whose samples may be the nearest
+_REACH = 8.0  # largest slope and speed of the planes, in pixels
+_PLANES = 16
+_STEP = 1 / 8  # between the places where holes are measured, in pixels
+_LIMITS = (0.1, 4.0)  # of what counts as a pattern's dispersion, times the published radius
+_CACHED = 64
+
+_known: dict[bytes, float] = {}
+
+
+def published_radius(spp: int) -> float:
+    """Return the paper's rule of thumb in pixels, ``2 / √spp`` (section 3.3)."""
+    return 2 / math.sqrt(spp)
+
+
+def dispersion(samples: SampleBuffer) -> float:
+    """Measure how large the empty circles between reprojected samples get.
+
+    Measured in the middle of the image, as the mean over random planes of each plane's largest circle, and
+    remembered for the pattern. Patterns with gaps, such as those of dropped samples, and images too small to
+    measure give `published_radius`.
+
+    Parameters
+    ----------
+    samples : SampleBuffer
+
+    Returns
+    -------
+    float
+        Radius in pixels.
+    """
+    published = published_radius(samples.spp)
+    half = _SIDE // 2 + _BORDER + math.ceil(_REACH)
+    middle_row, middle_column = samples.height // 2, samples.width // 2
+    if min(middle_row, middle_column) < half:
+        return published
+    window = np.s_[middle_row - half : middle_row + half, middle_column - half : middle_column + half]
+    corner = (middle_column - half, middle_row - half)
+    xy = (samples.xy[window] - np.array(corner, np.float32)).reshape(-1, 2)
+    uv = samples.uv[window].reshape(-1, 2)
+    time = None if samples.time is None or samples.motion is None else samples.time[window].reshape(-1, 1)
+    key = _digest(xy, uv, time)
+    if key not in _known:
+        while len(_known) >= _CACHED:
+            _known.pop(next(iter(_known)), None)
+        _known[key] = _measure(xy, uv, time)
+    radius = _known[key]
+    low, high = (limit * published for limit in _LIMITS)
+    return radius if low <= radius <= high else published
+
+
+def _digest(*arrays: npt.NDArray[np.float32] | None) -> bytes:
+    pattern = hashlib.blake2b(digest_size=16)
+    for array in arrays:
+        pattern.update(b"-" if array is None else np.ascontiguousarray(array).tobytes())
+    return pattern.digest()
+
+
+def _measure(
+    xy: npt.NDArray[np.float32], uv: npt.NDArray[np.float32], time: npt.NDArray[np.float32] | None
+) -> float:
+    """Mean over planes of the largest hole in the middle of a window of samples."""
+    rng = np.random.default_rng(0)
+    largest = []
+    for _ in range(_PLANES):
+        seen = xy - rng.uniform(-_REACH, _REACH) * uv.astype(np.float64)
+        if time is not None:
+            seen = seen - rng.uniform(-_REACH, _REACH, 2) / math.sqrt(2) * (time - 0.5)
+        largest.append(_largest_hole(seen - math.ceil(_REACH)))
+    return float(np.mean(largest))
+
+
+def _largest_hole(points: Float64) -> float:
+    """Largest distance to the nearest point, of places in a square with a border of pixels around it."""
+    side = _SIDE + 2 * _BORDER
+    table = _sort_into_pixels(points, side)
+    fine = (np.arange(round(1 / _STEP)) + 0.5) * _STEP
+    within = np.stack(np.meshgrid(fine, fine), axis=-1).reshape(-1, 2)
+    corners = np.stack(np.meshgrid(np.arange(_SIDE), np.arange(_SIDE)), axis=-1) + _BORDER
+    places = corners[:, :, None] + within  # (side, side, places in a pixel, 2)
+    nearest2 = np.full(places.shape[:-1], np.inf)
+    around = range(2 * _BORDER + 1)
+    for down in around:
+        for right in around:
+            pixels = table[down : down + _SIDE, right : right + _SIDE]
+            for k in range(table.shape[2]):
+                np.minimum(nearest2, np.square(places - pixels[:, :, None, k]).sum(axis=-1), out=nearest2)
+    return float(np.sqrt(nearest2.max()))
+
+
+def _sort_into_pixels(points: Float64, side: int) -> Float64:
+    """Table (side, side, most points of a pixel, 2) of the points of every pixel, filled up with far ones."""
+    pixel = np.floor(points)
+    inside = ((pixel >= 0) & (pixel < side)).all(axis=-1)
+    points, pixel = points[inside], pixel[inside].astype(np.intp)
+    number = pixel[:, 1] * side + pixel[:, 0]
+    order = np.argsort(number, kind="stable")
+    counts = np.bincount(number, minlength=side * side)
+    table = np.full((side * side, max(int(counts.max()), 1), 2), 1e6)
+    place = np.arange(len(order)) - (np.cumsum(counts) - counts)[number[order]]
+    table[number[order], place] = points[order]
+    return table.reshape(side, side, -1, 2)
