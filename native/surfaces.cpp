@@ -36,8 +36,8 @@ struct Span {
         }
     }
     FEWRAYS_INLINE void include(int lane, bool wanted, float value) {
-        low[lane] = wanted && value < low[lane] ? value : low[lane];
-        high[lane] = wanted && value > high[lane] ? value : high[lane];
+        low[lane] = wanted & (value < low[lane]) ? value : low[lane];
+        high[lane] = wanted & (value > high[lane]) ? value : high[lane];
     }
     FEWRAYS_INLINE float least() const { return across(low, lesser); }
     FEWRAYS_INLINE float most() const { return across(high, greater); }
@@ -80,7 +80,7 @@ FEWRAYS_INLINE Group group_in_front(const Sights& sights, const SightRow* rows, 
                 quadrants[2][lane] = wanted & !right & below ? 1.0f : quadrants[2][lane];
                 quadrants[3][lane] = wanted & right & below ? 1.0f : quadrants[3][lane];
                 const float beside = 1.0f - std::sqrt(wanted ? distance2 : 0.0f) * per_tent;
-                float weight = wanted && beside > 0.0f ? beside : 0.0f;
+                float weight = wanted & (beside > 0.0f) ? beside : 0.0f;
                 if constexpr (glossy) weight *= sights.weight[first + lane];
                 sums[0][lane] += weight;
                 sums[1][lane] += weight * sights.red[first + lane];
@@ -313,6 +313,7 @@ Surfaces::Verdict Surfaces::glance(const Sights& sights, const SightRow* rows, i
     };
     const Group all = group_of(sights, rows, row_count, place, infinity, rule_);
     if (all.least == infinity) return Verdict::nothing;
+    if (rule_.tent == 0) return Verdict::several;  // for whom which sample is nearest matters
     if (all.spread <= rule_.tolerance && all.weight > 0) {
         ++statistics_.surfaces;
         return take(all, statistics_.single);
@@ -479,26 +480,35 @@ bool Surfaces::on_one_side(int n) const {
     return right < 0 || turn(right, left) > 0;
 }
 
+// The mean of the surface under a tent, which is widened until it holds a sample; or the nearest sample.
 void Surfaces::filter(float radius, float* seen) const {
     const Sights& from = crowd_.from();
-    for (radius *= rule_.tent;; radius *= 2) {
-        float sums[4] = {};
+    const auto distance = [&](int i) { return std::sqrt(sights_.x[i] * sights_.x[i] + sights_.y[i] * sights_.y[i]); };
+    seen[3] = infinity;
+    for (int i : surface_) seen[3] = lesser(seen[3], sights_.slope[i]);
+    if (rule_.tent == 0) {
+        const int nearest = *std::min_element(surface_.begin(), surface_.end(),
+                                              [&](int a, int b) { return distance(a) < distance(b); });
+        const std::ptrdiff_t source = crowd_.source(nearest);
+        seen[0] = from.red[source];
+        seen[1] = from.green[source];
+        seen[2] = from.blue[source];
+        return;
+    }
+    float sums[4] = {};
+    for (radius *= rule_.tent; !(sums[0] > 0); radius *= 2) {
+        std::fill_n(sums, 4, 0.0f);
         for (int i : surface_) {
-            const float distance = std::sqrt(sights_.x[i] * sights_.x[i] + sights_.y[i] * sights_.y[i]);
             const std::ptrdiff_t source = crowd_.source(i);
-            float weight = std::max(1 - distance / radius, 0.0f);
+            float weight = std::max(1 - distance(i) / radius, 0.0f);
             if (from.weight) weight *= from.weight[source];
             sums[0] += weight;
             sums[1] += weight * from.red[source];
             sums[2] += weight * from.green[source];
             sums[3] += weight * from.blue[source];
         }
-        if (!(sums[0] > 0)) continue;
-        for (int channel = 0; channel < 3; ++channel) seen[channel] = sums[1 + channel] / sums[0];
-        seen[3] = sights_.slope[surface_.front()];
-        for (int i : surface_) seen[3] = lesser(seen[3], sights_.slope[i]);
-        return;
     }
+    for (int channel = 0; channel < 3; ++channel) seen[channel] = sums[1 + channel] / sums[0];
 }
 
 }  // namespace fewrays

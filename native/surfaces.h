@@ -12,7 +12,7 @@ struct SurfaceRule {
     float radius;                  // R, in pixels: no hole of the samples is wider
     float along_lens, along_time;  // how far lens points and times vary within a location
     float tolerance;               // pixels that samples of a surface may cross
-    float tent;                    // radius of the tent filter, in R
+    float tent;                    // radius of the tent filter, in R; 0 takes the nearest sample instead
     float overhang;                // pixels that a surface juts out beyond its outermost samples, on average
 };
 

@@ -152,6 +152,17 @@ class TestSampleMean:
         mean = sample_mean(samples, Aperture(), PixelFilter(), WHOLE)
         assert mean.variance.mean() == pytest.approx(mean.mean.var(axis=(0, 1)).sum(), rel=0.1)
 
+    def test_neighbours_tell_the_variance_of_single_samples(self) -> None:
+        rng = np.random.default_rng(0)
+        shape = (80, 80, 1)
+        pixels = np.stack(np.meshgrid(np.arange(80), np.arange(80)), axis=-1)[:, :, None]
+        color = np.abs(rng.normal(5, 1, (*shape, 3)))
+        samples = SampleBuffer(
+            pixels + rng.random((*shape, 2)), np.zeros((*shape, 2)), np.ones(shape), color, Lens(-1.0, 1.0)
+        )
+        variance = sample_mean(samples, Aperture(), PixelFilter(), WHOLE).variance
+        assert variance[5:-5, 5:-5].mean() == pytest.approx(3, rel=0.1)
+
     def test_only_what_the_aperture_and_the_shutter_let_pass_counts(self) -> None:
         samples = random_buffer(12, 12, 16, Lens(-40.0, 8.0), seed=1)
         time = np.random.default_rng(0).random(samples.depth.shape)

@@ -25,7 +25,7 @@ from scenes.geometry import (
 )
 from scenes.stage import sun, thin_lens
 
-__all__ = ["FOCUS", "LENS_RADIUS", "scene"]
+__all__ = ["FOCUS", "LENS_RADIUS", "RUST", "STRAW", "leaf", "scene"]
 
 FOCUS = 3.2
 LENS_RADIUS = 0.065
@@ -89,7 +89,7 @@ def _ground() -> Mesh:
     return grid(points).painted(np.clip(color, 0.01, 1).reshape(-1, 3))
 
 
-def _leaf(segments: int = 6, width: float = 0.34, fold: float = 0.25, curl: float = 0.22) -> Mesh:
+def leaf(segments: int = 6, width: float = 0.34, fold: float = 0.25, curl: float = 0.22) -> Mesh:
     """One leaf of length 1 along y, facing z, folded along its midrib."""
     s = np.linspace(0, 1, segments + 1)[:, None]
     t = np.linspace(-1, 1, 5)[None, :]
@@ -120,7 +120,7 @@ def _clump(
     positions = centre + outward * radius * rng.uniform(0.55, 1.05, (count, 1)) * [1, 0.8, 1]
     forward = outward + 0.8 * _directions(rng, count) + [0, -0.35, 0]
     axes = frames(forward, outward + np.array([0, 0.6, 0]))
-    return scatter(_leaf(4), positions, axes, size * rng.uniform(0.6, 1.3, count), colors)
+    return scatter(leaf(4), positions, axes, size * rng.uniform(0.6, 1.3, count), colors)
 
 
 def _sprig(
@@ -142,7 +142,7 @@ def _sprig(
     forward = side + 0.7 * along + 0.35 * rng.normal(size=(2 * pairs, 3)) + [0, -0.15, 0]
     facing = np.array([0, 0.8, -0.9]) + 0.5 * rng.normal(size=(2 * pairs, 3))
     scales = size * rng.uniform(0.7, 1.25, 2 * pairs) * (1.1 - 0.5 * at)
-    return merge([twig, scatter(_leaf(8), positions, frames(forward, facing), scales, colors)])
+    return merge([twig, scatter(leaf(8), positions, frames(forward, facing), scales, colors)])
 
 
 def _foreground(rng: np.random.Generator) -> Mesh:
@@ -226,7 +226,7 @@ def _litter(rng: np.random.Generator) -> Mesh:
     forward = _directions(rng, count) * [1, 0.25, 1]
     facing = np.array([0, 1.0, 0]) + 0.35 * rng.normal(size=(count, 3))
     return scatter(
-        _leaf(6, width=0.4, fold=0.5),
+        leaf(6, width=0.4, fold=0.5),
         positions,
         frames(forward, facing),
         rng.uniform(0.04, 0.1, count),

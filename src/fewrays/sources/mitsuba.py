@@ -6,8 +6,11 @@ integrator how much light comes back:
 
 1. image and lens positions from `fewrays.sources.patterns`;
 2. `_Camera.rays`: the ray through both, in world space;
-3. ``scene.ray_intersect``: planar depth, one per sample;
+3. ``scene.ray_intersect_preliminary``: planar depth, one per sample;
 4. ``integrator.sample``: radiance, the mean of `shading_spp` light paths along that same ray.
+
+Moving scenes go through steps 2 to 4 once for each slice of the shutter interval; see
+`fewrays.sources.mitsuba_motion`.
 
 Camera space follows Mitsuba: x to the *left* of the image, y up, z forward. With image coordinates x right
 and y down, both change sign, for lens positions as for directions.
@@ -18,7 +21,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -26,12 +29,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fewrays.errors import SampleError
+from fewrays.errors import SampleError, require_option
 from fewrays.lens import Aperture, Lens, Sampling
 from fewrays.parallel import progress_bar
 from fewrays.samples import SampleBuffer
 from fewrays.sources.llvm import find_llvm
-from fewrays.sources.patterns import check_size, sample_pattern
+from fewrays.sources.mitsuba_motion import MovingShapes
+from fewrays.sources.patterns import check_size, sample_pattern, sample_times
 
 __all__ = ["VARIANTS", "activate", "lens_of", "render"]
 
@@ -39,6 +43,7 @@ VARIANTS = ("llvm_ad_rgb", "cuda_ad_rgb")
 """The Mitsuba variants that this source runs on."""
 
 _MAX_PATHS = 2**22  # light paths traced at once; Dr.Jit keeps about 200 bytes for each
+_MAX_SLICES = 65_536
 _BACKGROUND_FACTOR = 1000.0  # escaped rays count as this many times farther than the scene's far end
 
 Float32 = npt.NDArray[np.float32]
@@ -61,6 +66,8 @@ def render(
     max_depth: int | None = None,
     integrator: Any = None,
     background_depth: float | None = None,
+    motion: Mapping[str, Any] | None = None,
+    time_slices: int = 64,
     sensor: int = 0,
     variant: str | None = None,
     progress: bool = False,
@@ -96,6 +103,14 @@ def render(
         Replaces the scene's integrator.
     background_depth : float, optional
         Depth of rays that leave the scene; far beyond everything in it unless given.
+    motion : mapping, optional
+        Where shapes go while the shutter is open, by their identifiers. The scene shows them as the shutter
+        opens; each value says where they are when it closes: a 4 x 4 affine transform in world space (array
+        or Mitsuba's own) applied to the shape as it stands, or, for meshes, new positions (N, 3) of its
+        vertices. In between, every point moves along a straight line at constant speed.
+    time_slices : int
+        In how many instants the moving shapes are shown; each sample is traced in the one nearest to its
+        time, and is given that instant's time. Take more if something travels over more pixels than this.
     sensor : int
         Which of the scene's sensors to use.
     variant : {"llvm_ad_rgb", "cuda_ad_rgb"}, optional
@@ -106,7 +121,8 @@ def render(
     Returns
     -------
     SampleBuffer
-        With `spp` samples per pixel, each in its own pixel's place.
+        With `spp` samples per pixel, each in its own pixel's place. With times and motion vectors if
+        something moves.
 
     Raises
     ------
@@ -118,8 +134,10 @@ def render(
     """
     if shading_spp < 1:
         raise SampleError(f"expected at least 1, got {shading_spp}", field="shading_spp")
+    require_option("time_slices", time_slices, 1 <= time_slices <= _MAX_SLICES, f"from 1 to {_MAX_SLICES}")
     with _active_variant(variant, scene) as mi:
-        loaded = _load(mi, scene)
+        loaded = _load(mi, scene, merge=not motion)
+        moving = MovingShapes(mi, loaded, motion) if motion else None
         camera = _Camera.of(mi, loaded, sensor, width, height, lens_radius, focus_distance)
         lens = camera.lens(aperture, sampling or aperture, sigma)
         xy, uv = _pattern(camera, spp, seed, lens)
@@ -129,11 +147,21 @@ def render(
             camera=camera,
             integrator=_choose_integrator(mi, loaded, integrator, max_depth),
             shading_spp=shading_spp,
-            background_depth=_choose_background(loaded, camera, background_depth),
+            background_depth=_choose_background(loaded, camera, background_depth, moving),
+            moving=moving,
         )
-        depth, color = tracer.trace(xy.reshape(-1, 2), uv.reshape(-1, 2), seed, progress=progress)
-    shape = xy.shape[:3]
-    return SampleBuffer(xy, uv, depth.reshape(shape), color.reshape(*shape, 3), lens)
+        shape = xy.shape[:3]
+        times = None if moving is None else _slice_times(camera, spp, seed, time_slices)
+        depth, color, change = tracer.trace(xy.reshape(-1, 2), uv.reshape(-1, 2), times, seed, progress)
+    return SampleBuffer(
+        xy,
+        uv,
+        depth.reshape(shape),
+        color.reshape(*shape, 3),
+        lens,
+        time=None if times is None else times.reshape(shape),
+        motion=None if change is None else change.reshape(*shape, 3),
+    )
 
 
 def lens_of(
@@ -171,13 +199,27 @@ def _pattern(camera: _Camera, spp: int, seed: int, lens: Lens) -> tuple[Float32,
     size = (camera.height, camera.width, spp)
     check_size(*size)
     xy, uv = np.empty((*size, 2), np.float32), np.empty((*size, 2), np.float32)
-    step = max(1, 2**20 // (camera.width * spp))
-    for first in range(0, camera.height, step):
-        rows = (first, min(first + step, camera.height))
+    for rows in _row_blocks(camera, spp):
         xy[slice(*rows)], uv[slice(*rows)] = sample_pattern(
             *size, seed=seed, sampling=lens.sampling, sigma=lens.sigma, rows=rows
         )
     return xy, uv
+
+
+def _slice_times(camera: _Camera, spp: int, seed: int, slices: int) -> Float32:
+    """Return the pattern's times (N,), each moved to the middle of its slice of the shutter interval."""
+    size = (camera.height, camera.width, spp)
+    times = np.empty(size, np.float32)
+    for rows in _row_blocks(camera, spp):
+        continuous = sample_times(*size, seed=seed, rows=rows)
+        times[slice(*rows)] = (np.floor(continuous * slices) + 0.5) / slices
+    return times.reshape(-1)
+
+
+def _row_blocks(camera: _Camera, spp: int) -> Iterator[tuple[int, int]]:
+    step = max(1, 2**20 // (camera.width * spp))
+    for first in range(0, camera.height, step):
+        yield first, min(first + step, camera.height)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -271,10 +313,22 @@ class _Camera:
             np.float32
         )
 
+    def screen_motion(self, displacement: Float64) -> Float32:
+        """Return changes (N, 3) of (x w, y w, w) as the lens centre sees them, in pixels times depth units.
+
+        Such a change is the same from wherever the point starts, because x w, y w and w are linear in the
+        point's position (temporal, section 3.1).
+        """
+        left, up, forward = (displacement @ self.to_world[:3, :3]).T
+        x, y = self.centre
+        return np.stack(
+            [x * forward - self.pixels * left, y * forward - self.pixels * up, forward], axis=-1
+        ).astype(np.float32)
+
 
 @dataclasses.dataclass(frozen=True)
 class _Tracer:
-    """Traces primary samples in batches of bounded size."""
+    """Traces primary samples in batches of bounded size, moving ones slice of time by slice of time."""
 
     mi: ModuleType
     scene: Any
@@ -282,34 +336,60 @@ class _Tracer:
     integrator: Any
     shading_spp: int
     background_depth: float
+    moving: MovingShapes | None
 
-    def trace(self, xy: Float32, uv: Float32, seed: int, *, progress: bool) -> tuple[Float32, Float32]:
-        """Return depths (N,) and radiances (N, 3) of samples at `xy` and `uv`, both (N, 2)."""
+    def trace(
+        self, xy: Float32, uv: Float32, times: Float32 | None, seed: int, progress: bool
+    ) -> tuple[Float32, Float32, Float32 | None]:
+        """Return depths (N,), radiances (N, 3) and motions (N, 3) of samples at `xy` and `uv`, both (N, 2).
+
+        `times` (N,) come with moving shapes, and are few different ones. Still scenes have no motions.
+        """
         import drjit as dr
 
         count = len(xy)
         depth, color = np.empty(count, np.float32), np.empty((count, 3), np.float32)
-        batch = max(1, _MAX_PATHS // self.shading_spp)
-        with progress_bar(count, "render", show=progress, unit="sample") as bar:
-            for number, first in enumerate(range(0, count, batch)):
-                part = slice(first, min(first + batch, count))
-                batch_seed = int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
-                depth[part], color[part] = self._trace_batch(xy[part], uv[part], batch_seed)
-                bar.update(part.stop - first)
+        change = None if self.moving is None else np.empty((count, 3), np.float32)
+        posing = contextlib.nullcontext() if self.moving is None else self.moving.posing()
+        with posing, progress_bar(count, "render", show=progress, unit="sample") as bar:
+            for part, entropy in self._parts(count, times):
+                depth[part], color[part], moved = self._trace_batch(xy[part], uv[part], [seed, *entropy])
+                if change is not None:
+                    change[part] = moved
+                bar.update(len(depth[part]))
         # Dr.Jit keeps its memory, and work that is still queued when the interpreter ends can crash it.
         dr.sync_thread()
         dr.flush_malloc_cache()
-        return depth, color
+        return depth, color, change
 
-    def _trace_batch(self, xy: Float32, uv: Float32, seed: int) -> tuple[Float32, Float32]:
+    def _parts(
+        self, count: int, times: Float32 | None
+    ) -> Iterator[tuple[slice | npt.NDArray[np.intp], tuple[int, ...]]]:
+        """Cut samples into numbered parts of bounded size, and pose the scene for each as it comes up."""
+        size = max(1, _MAX_PATHS // self.shading_spp)
+        if self.moving is None or times is None:
+            for number, first in enumerate(range(0, count, size)):
+                yield slice(first, min(first + size, count)), (number,)
+            return
+        order = np.argsort(times, kind="stable")
+        values, starts = np.unique(times[order], return_index=True)
+        for index, (time, members) in enumerate(zip(values, np.split(order, starts[1:]), strict=True)):
+            self.moving.pose(float(time))
+            for number, first in enumerate(range(0, len(members), size)):
+                yield members[first : first + size], (index, number)
+
+    def _trace_batch(
+        self, xy: Float32, uv: Float32, entropy: Sequence[int]
+    ) -> tuple[Float32, Float32, Float32 | None]:
         import drjit as dr
 
         mi, camera = self.mi, self.camera
+        seed = int(np.random.SeedSequence(entropy).generate_state(1)[0])
         origin, direction = camera.rays(xy, uv)
         length = np.linalg.norm(direction, axis=1).astype(np.float32)
         ray = mi.Ray3f(mi.Point3f(origin.T), mi.Vector3f((direction / length[:, None]).T), camera.time, [])
         ray.maxt = mi.Float((camera.far - camera.near) * length)
-        hit = self.scene.ray_intersect(ray, mi.RayFlags.Minimal, True)
+        hit = self.scene.ray_intersect_preliminary(ray, True)
         depth = dr.select(hit.is_valid(), camera.near + hit.t / mi.Float(length), self.background_depth)
 
         sampler = mi.load_dict({"type": "multijitter", "sample_count": self.shading_spp})
@@ -322,9 +402,10 @@ class _Tracer:
         )
         paths.maxt = dr.repeat(ray.maxt, self.shading_spp)
         radiance = mi.Color3f(self.integrator.sample(self.scene, sampler, paths, camera.medium)[0])
-        dr.eval(depth, radiance)  # or else block_sum would trace all paths once for each channel
+        dr.eval(depth, radiance, hit)  # or else block_sum would trace all paths once for each channel
         mean = dr.block_sum(radiance, self.shading_spp) / self.shading_spp
-        return depth.numpy(), mean.numpy().T
+        change = None if self.moving is None else camera.screen_motion(self.moving.displacement(hit, ray))
+        return depth.numpy(), mean.numpy().T, change
 
 
 def _film(
@@ -370,13 +451,17 @@ def _check_lens(lens_radius: float | None, focus_distance: float | None) -> tupl
     return float(lens_radius), float(focus_distance)
 
 
-def _choose_background(scene: Any, camera: _Camera, given: float | None) -> float:
+def _choose_background(
+    scene: Any, camera: _Camera, given: float | None, moving: MovingShapes | None
+) -> float:
     """Return the depth of rays that hit nothing: finite, and behind everything that can be hit."""
     box = scene.bbox()
     far = camera.near
     if box.valid():
-        corners = np.array([[float(box.corner(i)[k]) for k in range(3)] for i in range(8)])
-        depths = (corners - camera.to_world[:3, 3]) @ camera.to_world[:3, 2]
+        points = np.array([[float(box.corner(i)[k]) for k in range(3)] for i in range(8)])
+        if moving is not None:
+            points = np.concatenate([points, moving.end_points()])
+        depths = (points - camera.to_world[:3, 3]) @ camera.to_world[:3, 2]
         far = max(far, min(float(depths.max()), camera.far))
     if given is None:
         focus = camera.focus_distance if math.isfinite(camera.focus_distance) else 0.0
@@ -417,7 +502,8 @@ def _choose_integrator(mi: ModuleType, scene: Any, given: Any, max_depth: int | 
     return chosen
 
 
-def _load(mi: ModuleType, scene: Any) -> Any:
+def _load(mi: ModuleType, scene: Any, *, merge: bool = True) -> Any:
+    """Load a scene unless it is loaded; Mitsuba merges meshes of one material unless told not to."""
     if isinstance(scene, mi.Scene):
         return scene
     file = scene if isinstance(scene, (str, Path)) else None
@@ -429,7 +515,8 @@ def _load(mi: ModuleType, scene: Any) -> Any:
             field="scene",
         )
     try:
-        loaded = mi.load_file(str(file)) if file is not None else mi.load_dict(dict(scene))
+        options = {} if merge else {"optimize": False}
+        loaded = mi.load_dict(dict(scene), **options) if file is None else mi.load_file(str(file), **options)
     except (RuntimeError, TypeError) as error:
         raise SampleError(f"Mitsuba cannot load it: {error}", file=file, field="scene") from error
     if not isinstance(loaded, mi.Scene):

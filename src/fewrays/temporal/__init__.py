@@ -12,11 +12,10 @@ how far apart samples can be, and `refine` makes more of the result than its mea
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
-from fewrays.aperture import Aperture, ApertureShape
+from fewrays.aperture import Aperture
 from fewrays.errors import require_option
 from fewrays.lens import Lens
 from fewrays.method import Method, Reconstruction
@@ -44,14 +43,12 @@ class TemporalOptions:
     """Pixel filter."""
     sigma_pix: float = 0.5
     """Standard deviation of the Gaussian pixel filter, in pixels."""
-    aperture: Literal["lens"] | ApertureShape = "lens"
-    """Shape of the aperture; that of the samples' lens by default."""
-    blades: int = 6
-    """Corners of a polygonal aperture."""
+    blades: int = 0
+    """Blades of the aperture, 3 to 64: the corners of its polygon; 0 for that of the samples' lens."""
     rotation: float = 0.0
-    """Direction of its first corner, in degrees."""
+    """Direction of the polygon's first corner, in degrees."""
     roundness: float = 0.0
-    """Curvature of its sides: 0 for straight ones, 1 for those of a disc."""
+    """Curvature of the polygon's sides: 0 for straight ones, 1 for those of a disc."""
     shutter: tuple[float, float] = (0.0, 1.0)
     """When the shutter opens and closes, in [0, 1] over the shutter of the samples."""
     shutter_response: ShutterResponse = "box"
@@ -59,7 +56,7 @@ class TemporalOptions:
     radius_scale: float = 1.7
     """Radius within which samples are gathered, in units of the largest hole that their pattern leaves."""
     tent_scale: float = 1.0
-    """Radius of the tent filter over a surface's samples, in units of that radius."""
+    """Radius of the tent filter over a surface, in units of that radius; 0 takes the nearest sample."""
     smoothing: float = 1.0
     """How much to smooth wide blur, in units of the noise that few locations leave there; 0 for none."""
     correction: float = 1.8
@@ -68,7 +65,8 @@ class TemporalOptions:
     def __post_init__(self) -> None:
         require_option("locations", self.locations, 1 <= self.locations <= 65536, "from 1 to 65536")
         require_option("radius_scale", self.radius_scale, 0.25 <= self.radius_scale <= 8, "from 0.25 to 8")
-        require_option("tent_scale", self.tent_scale, 0.25 <= self.tent_scale <= 2, "from 0.25 to 2")
+        tent = self.tent_scale == 0 or 0.25 <= self.tent_scale <= 2
+        require_option("tent_scale", self.tent_scale, tent, "0 or from 0.25 to 2")
         require_option("smoothing", self.smoothing, 0 <= self.smoothing <= 4, "from 0 to 4")
         require_option(
             "correction",
@@ -82,9 +80,9 @@ class TemporalOptions:
 
     def aperture_of(self, lens: Lens) -> Aperture:
         """Return the aperture to integrate over."""
-        if self.aperture == "lens":
+        if self.blades == 0:
             return Aperture.of_lens(lens)
-        return Aperture(self.aperture, lens.sigma, self.blades, self.rotation, self.roundness)
+        return Aperture("polygon", lens.sigma, self.blades, self.rotation, self.roundness)
 
     def filter_of_pixels(self) -> PixelFilter:
         """Return the pixel filter."""

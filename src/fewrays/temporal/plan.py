@@ -39,7 +39,7 @@ class SurfaceRule:
     tolerance : float
         Pixels by which paths may cross.
     tent : float
-        Radius of the tent filter in units of R.
+        Radius of the tent filter in units of R; 0 takes the nearest sample instead.
     overhang : float
         Pixels by which a surface reaches beyond its outermost samples, on average.
     """

@@ -98,7 +98,7 @@ class _View:
 
     @classmethod
     def of_samples(cls, samples: SampleBuffer, paths: Paths, uv: Float64, time: float) -> _View:
-        sights = paths.seen_from(*uv, time)
+        sights = paths.seen_from(float(uv[0]), float(uv[1]), time)
         sights = sights.take(np.argsort(sights.xy[:, 0]))
         return cls(sights, None if samples.bandwidth is None else _gloss_weights(samples, uv))
 
@@ -114,7 +114,8 @@ class _View:
         weights = tent_weights(surface.sights.xy, surface.tent)
         if self.weight is not None:
             weights = weights * self.weight[sample]
-        return weights @ color[sample] / weights.sum()
+        mean: Float64 = weights @ color[sample] / weights.sum()
+        return mean
 
 
 def _gloss_weights(samples: SampleBuffer, uv: Float64) -> Float64:
@@ -127,4 +128,5 @@ def _gloss_weights(samples: SampleBuffer, uv: Float64) -> Float64:
     away2 = np.square(samples.uv.reshape(-1, 2) - uv).sum(axis=-1)
     with np.errstate(over="ignore"):
         exponent = -0.5 * away2 / np.square(samples.bandwidth.astype(np.float64)).ravel()
-    return np.maximum(np.exp(exponent), LEAST_WEIGHT)
+    weights: Float64 = np.maximum(np.exp(exponent), LEAST_WEIGHT)
+    return weights

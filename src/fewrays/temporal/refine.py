@@ -32,6 +32,7 @@ Float32 = npt.NDArray[np.float32]
 _TAPS = 3.0  # standard deviations that a Gaussian reaches
 _POOL = 2.0  # width of what is judged together, in widths of the correction
 _NOISE = 0.7  # share of its expected noise by which a difference is reduced
+_NEAR = 1.0  # pixels: standard deviation of the neighbourhood that tells the noise of single samples
 _CHUNK = 2**19  # samples that are averaged at a time
 
 
@@ -46,7 +47,7 @@ class SampleMean:
     variance : ndarray of float32, (H, W)
         Of the mean, summed over the channels.
     known : ndarray of float32, (H, W)
-        1 where there are samples enough to tell both, else 0.
+        1 where there are samples, else 0.
     """
 
     mean: Float32
@@ -188,20 +189,37 @@ def _finish(sums: npt.NDArray[np.float64], shape: tuple[int, int]) -> SampleMean
 
     The variance of a weighted mean is Σ w² (c - m)² / (Σ w)², times n / (n - 1) for a mean of n samples that
     is their own; n = (Σ w)² / Σ w² is how many samples of equal weight would serve as well. The squares of
-    weights are taken not to depend on the radiance, so that Σ w² c = m Σ w².
+    weights are taken not to depend on the radiance, so that Σ w² c = m Σ w². Where a pixel has but one
+    sample, its neighbours tell the variance.
     """
     weight, square, *radiance, energy = sums
     count = np.divide(weight**2, square, out=np.zeros_like(weight), where=square > 0)
-    known = (count > 1.5) & (weight > 0)
+    known, several = weight > 0, (weight > 0) & (count > 1.5)
     reciprocal = np.divide(1, weight, out=np.zeros_like(weight), where=known)
-    mean = np.stack(radiance, axis=-1) * reciprocal[:, None]
-    spread = np.maximum(energy - square * np.square(mean).sum(axis=-1), 0)
-    bias = np.divide(count, count - 1, out=np.ones_like(count), where=known)
-    return SampleMean(
-        mean=mean.reshape(*shape, 3).astype(np.float32),
-        variance=(spread * reciprocal**2 * bias).reshape(shape).astype(np.float32),
-        known=known.reshape(shape).astype(np.float32),
-    )
+    mean = (np.stack(radiance, axis=-1) * reciprocal[:, None]).reshape(*shape, 3).astype(np.float32)
+    spread = np.maximum(energy - square * np.square(mean.reshape(-1, 3)).sum(axis=-1), 0)
+    bias = np.divide(count, count - 1, out=np.ones_like(count), where=several)
+    variance = (spread * reciprocal**2 * bias).reshape(shape).astype(np.float32)
+    known, several = known.reshape(shape), several.reshape(shape)
+    if not several.all():
+        variance[~several] = _variance_among_neighbours(mean, known)[~several]
+    return SampleMean(mean, variance, known.astype(np.float32))
+
+
+def _variance_among_neighbours(mean: Float32, known: npt.NDArray[np.bool_]) -> Float32:
+    """Estimate the variance (H, W) of pixels of one sample from how they differ from those around."""
+    there = known[..., None].astype(np.float32)
+
+    def average(values: Float32, sigma: float) -> Float32:
+        around = gaussian_blur(there, sigma)
+        return np.divide(
+            gaussian_blur(there * values, sigma), around, out=np.zeros_like(values), where=around > 0
+        )
+
+    square = np.square(mean - average(mean, _NEAR)).sum(axis=-1, keepdims=True)
+    # The average over neighbours has the pixel's own noise in it, and some of theirs.
+    own, all_of_them = 1 / (2 * math.pi * _NEAR**2), 1 / (4 * math.pi * _NEAR**2)
+    return average(square / np.float32(1 - 2 * own + all_of_them), 2 * _NEAR)[..., 0]
 
 
 def gaussian_blur(image: Float32, sigma: float, *, squared: bool = False) -> Float32:

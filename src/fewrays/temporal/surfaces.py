@@ -257,7 +257,8 @@ def tent_weights(xy: Float64, radius: float) -> Float64:
     xy : ndarray, (N, 2)
         In pixels.
     radius : float
-        Where the tent reaches 0, in pixels. It is doubled while there is no point under the tent.
+        Where the tent reaches 0, in pixels. It is doubled while there is no point under the tent; with 0, the
+        nearest point has all of the weight.
 
     Returns
     -------
@@ -265,6 +266,8 @@ def tent_weights(xy: Float64, radius: float) -> Float64:
         From 0 to 1, not all 0.
     """
     distance = np.hypot(*xy.T)
+    if radius == 0:
+        return np.asarray(np.arange(len(xy)) == distance.argmin(), np.float64)
     while radius <= distance.min():
         radius *= 2
     weights: Float64 = np.maximum(1 - distance / radius, 0)
