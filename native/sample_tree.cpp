@@ -14,11 +14,11 @@ constexpr int window = 6;  // neighbours on either side that a node may be joine
 using Corners = float[4];
 
 // Positions of a path seen from lens = -1 and 1 at two times.
-void path_corners(const Path& path, bool vertical, float opens, float closes, float c0, float c1, Corners& out) {
+void path_corners(const Path& path, bool vertical, float opens, float closes, float c1, Corners& out) {
     int i = 0;
     for (float time : {opens, closes})
         for (float lens : {-1.0f, 1.0f}) {
-            const Sight sight = sight_of(path, lens, lens, time, c0, c1);
+            const Sight sight = sight_of(path, lens, lens, time, c1);
             out[i++] = vertical ? sight.y : sight.x;
         }
 }
@@ -43,25 +43,24 @@ void plane_corners(const Plane& plane, float opens, float closes, Corners& out) 
 }
 
 // The times between which a point is in front of the camera.
-void times_in_front(const Path& path, float own_depth, float& opens, float& closes) {
-    const float nearest = nearest_share * own_depth;
+void times_in_front(const Path& path, float& opens, float& closes) {
     opens = 0.0f;
     closes = 1.0f;
-    if (path.dw > 0 && path.w < nearest) opens = (nearest - path.w) / path.dw;
-    if (path.dw < 0 && path.w + path.dw < nearest) closes = (nearest - path.w) / path.dw;
+    if (path.dw > 0 && path.w < nearest_depth) opens = (nearest_depth - path.w) / path.dw;
+    if (path.dw < 0 && path.w + path.dw < nearest_depth) closes = (nearest_depth - path.w) / path.dw;
 }
 
 // Bounds of one path. Seen from one lens point it moves over the screen as a Möbius function of time does, whose
 // greatest distance from its chord is the chord's rise times (√w1 - √w0) / (√w1 + √w0), for depths w0 and w1.
-TreeNode bounds_of(const Path& path, float own_depth, float c0, float c1) {
+TreeNode bounds_of(const Path& path, float c1) {
     TreeNode node{};
-    times_in_front(path, own_depth, node.opens, node.closes);
+    times_in_front(path, node.opens, node.closes);
     const float root0 = std::sqrt(std::max(depth_at(path, node.opens), 0.0f));
     const float root1 = std::sqrt(std::max(depth_at(path, node.closes), 0.0f));
     const float bend = (root1 - root0) / (root1 + root0);
     for (bool vertical : {false, true}) {
         Corners ends, low, high;
-        path_corners(path, vertical, node.opens, node.closes, c0, c1, ends);
+        path_corners(path, vertical, node.opens, node.closes, c1, ends);
         for (int lens = 0; lens < 2; ++lens) {
             const float beyond = bend * (ends[2 + lens] - ends[lens]);
             for (int i : {lens, 2 + lens}) {
@@ -163,8 +162,8 @@ private:
         for (std::int32_t i = 0; i < field_.count; ++i) {
             const Path path = field_.path(i);
             float opens, closes;
-            times_in_front(path, field_.depth[i], opens, closes);
-            const Sight sight = sight_of(path, 0, 0, std::clamp(0.5f, opens, closes), field_.c0, field_.c1);
+            times_in_front(path, opens, closes);
+            const Sight sight = sight_of(path, 0, 0, std::clamp(0.5f, opens, closes), field_.far_slope());
             placed.push_back({bin(sight.x, rule_.left, rule_.right) | bin(sight.y, rule_.top, rule_.bottom) << 1, i});
         }
         return placed;
@@ -189,8 +188,8 @@ private:
         for (const Placed* each = first; each != end; ++each) {
             const Path path = field_.path(each->sample);
             float opens, closes;
-            times_in_front(path, field_.depth[each->sample], opens, closes);
-            const Sight sight = sight_of(path, 0, 0, std::clamp(0.5f, opens, closes), field_.c0, field_.c1);
+            times_in_front(path, opens, closes);
+            const Sight sight = sight_of(path, 0, 0, std::clamp(0.5f, opens, closes), field_.far_slope());
             seen_.push_back({each->sample, sight.slope, sight.speed_x, sight.speed_y});
         }
         cut(0, seen_.size(), 0);
@@ -207,7 +206,7 @@ private:
                       return value(a) != value(b) ? value(a) < value(b) : a.sample < b.sample;
                   });
         while (first < end) {
-            std::size_t next = first;
+            std::size_t next = first + 1;
             while (next < end && value(seen_[next]) - value(seen_[first]) <= widest) ++next;
             cut(first, next, key + 1);
             first = next;
@@ -219,7 +218,7 @@ private:
         TreeNode node{};
         for (std::size_t i = first; i < end; ++i) {
             const std::int32_t sample = seen_[i].sample;
-            const TreeNode bounds = bounds_of(field_.path(sample), field_.depth[sample], field_.c0, field_.c1);
+            const TreeNode bounds = bounds_of(field_.path(sample), field_.far_slope());
             node = i == first ? bounds : merged(node, bounds);
             order_->push_back(sample);
         }

@@ -21,6 +21,9 @@ struct LightField {
     std::int32_t count;
     float c0, c1;
 
+    // The slope's constant, within reach.
+    float far_slope() const { return within_reach(c1); }
+
     Path path(std::int32_t i) const {
         return path_of(xy[2 * i], xy[2 * i + 1], uv[2 * i], uv[2 * i + 1], depth[i], time ? time[i] : 0.0f,
                        motion ? motion + 3 * std::ptrdiff_t{i} : nullptr, c0, c1);

@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <tuple>
 #include <utility>
+#include <vector>
 
 #include "math/reprojection.h"
 #include "simd.h"
@@ -48,39 +50,66 @@ struct Place {
     float x, y, radius, tent;
 };
 
-// What the samples within R are that lie in front of a slope.
-struct Group {
-    float spread;       // by how much two of them might cross, at most
-    float least, most;  // slopes
-    int quadrants;
-    float weight, red, green, blue;  // sums under the tent
+// The range of slopes within R, and by how much any two samples might cross at most.
+struct Range {
+    float least, most, spread;
 };
 
-template <bool moving, bool glossy>
-FEWRAYS_INLINE Group group_in_front(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
-                                    float farthest, const SurfaceRule& rule) {
-    float sums[4][lanes] = {}, quadrants[4][lanes] = {};
+template <bool moving>
+FEWRAYS_INLINE Range find_range(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
+                                const SurfaceRule& rule) {
     Span slopes, speeds_x, speeds_y;
+    const float radius2 = place.radius * place.radius, at_x = place.x, at_y = place.y;
+    for (int row = 0; row < row_count; ++row)
+        for (std::int32_t first = rows[row].first; first < rows[row].end; first += lanes) {
+            const std::int32_t left = rows[row].end - first;
+            for (int lane = 0; lane < lanes; ++lane) {
+                const float dx = sights.x[first + lane] - at_x, dy = sights.y[first + lane] - at_y;
+                const bool wanted = (dx * dx + dy * dy <= radius2) & (lane < left);
+                slopes.include(lane, wanted, sights.slope[first + lane]);
+                if constexpr (moving) {
+                    speeds_x.include(lane, wanted, sights.speed_x[first + lane]);
+                    speeds_y.include(lane, wanted, sights.speed_y[first + lane]);
+                }
+            }
+        }
+    Range range{slopes.least(), slopes.most(), slopes.width() * rule.along_lens};
+    if constexpr (moving) range.spread += greater(speeds_x.width(), speeds_y.width()) * rule.along_time;
+    return range;
+}
+
+FEWRAYS_CLONES Range range_of_still(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
+                                    const SurfaceRule& rule) {
+    return find_range<false>(sights, rows, row_count, place, rule);
+}
+FEWRAYS_CLONES Range range_of_moving(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
+                                     const SurfaceRule& rule) {
+    return find_range<true>(sights, rows, row_count, place, rule);
+}
+
+// The samples within R up to a slope: the quadrants that they fill, as bits, and sums under the tent.
+struct Group {
+    int quadrants;
+    float weight, red, green, blue;
+};
+
+template <bool glossy>
+FEWRAYS_INLINE Group add_up(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
+                            float farthest) {
+    float sums[4][lanes] = {};
+    std::int32_t quadrants[lanes] = {};
     const float radius2 = place.radius * place.radius, per_tent = 1.0f / place.tent, at_x = place.x, at_y = place.y;
     for (int row = 0; row < row_count; ++row)
         for (std::int32_t first = rows[row].first; first < rows[row].end; first += lanes) {
             const std::int32_t left = rows[row].end - first;
             for (int lane = 0; lane < lanes; ++lane) {
                 const float dx = sights.x[first + lane] - at_x, dy = sights.y[first + lane] - at_y;
-                const float distance2 = dx * dx + dy * dy, c = sights.slope[first + lane];
-                const bool wanted = (distance2 <= radius2) & (lane < left) & (c <= farthest);
-                slopes.include(lane, wanted, c);
-                if constexpr (moving) {
-                    speeds_x.include(lane, wanted, sights.speed_x[first + lane]);
-                    speeds_y.include(lane, wanted, sights.speed_y[first + lane]);
-                }
-                const bool right = dx >= 0, below = dy >= 0;
-                quadrants[0][lane] = wanted & !right & !below ? 1.0f : quadrants[0][lane];
-                quadrants[1][lane] = wanted & right & !below ? 1.0f : quadrants[1][lane];
-                quadrants[2][lane] = wanted & !right & below ? 1.0f : quadrants[2][lane];
-                quadrants[3][lane] = wanted & right & below ? 1.0f : quadrants[3][lane];
-                const float beside = 1.0f - std::sqrt(wanted ? distance2 : 0.0f) * per_tent;
-                float weight = wanted & (beside > 0.0f) ? beside : 0.0f;
+                const float distance2 = dx * dx + dy * dy;
+                const bool wanted = (distance2 <= radius2) & (lane < left) & (sights.slope[first + lane] <= farthest);
+                const std::int32_t beside = dx >= 0 ? 2 : 1, quadrant = dy >= 0 ? 4 * beside : beside;
+                quadrants[lane] |= wanted ? quadrant : 0;
+                const float under = 1.0f - std::sqrt(wanted ? distance2 : 0.0f) * per_tent;
+                float weight = wanted & (under > 0.0f) ? under : 0.0f;
                 if constexpr (glossy) weight *= sights.weight[first + lane];
                 sums[0][lane] += weight;
                 sums[1][lane] += weight * sights.red[first + lane];
@@ -88,43 +117,26 @@ FEWRAYS_INLINE Group group_in_front(const Sights& sights, const SightRow* rows, 
                 sums[3][lane] += weight * sights.blue[first + lane];
             }
         }
-    const auto add = [](float a, float b) { return a + b; };
-    Group group{slopes.width() * rule.along_lens,
-                slopes.least(),
-                slopes.most(),
-                0,
-                across(sums[0], add),
-                across(sums[1], add),
-                across(sums[2], add),
-                across(sums[3], add)};
-    for (int quadrant = 0; quadrant < 4; ++quadrant) group.quadrants += across(quadrants[quadrant], greater) > 0.0f;
-    if constexpr (moving) group.spread += greater(speeds_x.width(), speeds_y.width()) * rule.along_time;
+    Group group{};
+    for (int lane = 0; lane < lanes; ++lane) {
+        group.quadrants |= quadrants[lane];
+        group.weight += sums[0][lane];
+        group.red += sums[1][lane];
+        group.green += sums[2][lane];
+        group.blue += sums[3][lane];
+    }
     return group;
 }
 
-using GroupInFront = Group (*)(const Sights&, const SightRow*, int, const Place&, float, const SurfaceRule&);
-
-FEWRAYS_CLONES Group group_still(const Sights& s, const SightRow* rows, int count, const Place& place, float farthest,
-                                 const SurfaceRule& rule) {
-    return group_in_front<false, false>(s, rows, count, place, farthest, rule);
+FEWRAYS_CLONES Group group_of_matte(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
+                                    float farthest) {
+    return add_up<false>(sights, rows, row_count, place, farthest);
 }
-FEWRAYS_CLONES Group group_moving(const Sights& s, const SightRow* rows, int count, const Place& place, float farthest,
-                                  const SurfaceRule& rule) {
-    return group_in_front<true, false>(s, rows, count, place, farthest, rule);
+FEWRAYS_CLONES Group group_of_glossy(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
+                                     float farthest) {
+    return add_up<true>(sights, rows, row_count, place, farthest);
 }
-FEWRAYS_CLONES Group group_glossy(const Sights& s, const SightRow* rows, int count, const Place& place, float farthest,
-                                  const SurfaceRule& rule) {
-    return group_in_front<false, true>(s, rows, count, place, farthest, rule);
-}
-FEWRAYS_CLONES Group group_both(const Sights& s, const SightRow* rows, int count, const Place& place, float farthest,
-                                const SurfaceRule& rule) {
-    return group_in_front<true, true>(s, rows, count, place, farthest, rule);
-}
-
-GroupInFront group_function(const Sights& sights) {
-    if (sights.speed_x) return sights.weight ? group_both : group_moving;
-    return sights.weight ? group_glossy : group_still;
-}
+constexpr int all_quadrants = 15;
 
 float crossing_of(const Sights& s, std::ptrdiff_t a, std::ptrdiff_t b, const SurfaceRule& rule) {
     const float slopes = s.slope[a] - s.slope[b];
@@ -141,6 +153,21 @@ struct Next {
     bool alone;          // whether no other has this slope
     bool crosses;        // whether it crosses one of those in front
 };
+
+// Of the samples within a distance that have a slope, the first by x, then by y.
+std::int32_t first_of_slope(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
+                            float slope) {
+    std::int32_t best = -1;
+    for (int row = 0; row < row_count; ++row)
+        for (std::int32_t i = rows[row].first; i < rows[row].end; ++i) {
+            const float dx = sights.x[i] - place.x, dy = sights.y[i] - place.y;
+            if (sights.slope[i] != slope || dx * dx + dy * dy > place.radius * place.radius) continue;
+            const bool before = best < 0 || sights.x[i] < sights.x[best] ||
+                                (sights.x[i] == sights.x[best] && sights.y[i] < sights.y[best]);
+            if (before) best = i;
+        }
+    return best;
+}
 
 template <bool moving>
 FEWRAYS_INLINE Next find_next(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
@@ -168,6 +195,7 @@ FEWRAYS_INLINE Next find_next(const Sights& sights, const SightRow* rows, int ro
     Next next{best[nearest], which[nearest], equals[nearest] == 0.0f, false};
     if (!(next.slope < infinity)) return next;
     for (int lane = 0; lane < lanes; ++lane) next.alone &= lane == nearest || best[lane] != next.slope;
+    if (!next.alone) next.index = first_of_slope(sights, rows, row_count, place, next.slope);
 
     const float x = sights.x[next.index], y = sights.y[next.index];
     for (int row = 0; row < row_count; ++row)
@@ -222,17 +250,18 @@ FEWRAYS_CLONES float spread_of_moving(const Sights& sights, const SightRow* rows
     return slopes.width() * rule.along_lens + greater(speeds_x.width(), speeds_y.width()) * rule.along_time;
 }
 
+constexpr int steps_at_a_glance = 2, most_steps = 12;  // samples that join one by one before all are put in order
+
 // How far back the surface reaches whose nearest sample has the slope `least` (Figure 7): samples of nearly that slope
 // cross nowhere, and after them each joins until one crosses another. Infinite, but negative, where that is not so or
 // takes long: the samples must be put in order then.
 float end_of_surface(const Sights& sights, const SightRow* rows, int row_count, const Place& place, float least,
-                     const SurfaceRule& rule) {
-    constexpr int most_steps = 12;
+                     int steps, const SurfaceRule& rule) {
     float farthest = least + 0.999f * rule.tolerance / rule.along_lens;
     if (sights.speed_x && spread_of_moving(sights, rows, row_count, place, farthest, rule) > rule.tolerance)
         return -infinity;
     const auto find = sights.speed_x ? next_moving : next_still;
-    for (int step = 0; step < most_steps; ++step) {
+    for (int step = 0; step < steps; ++step) {
         const Next next = find(sights, rows, row_count, place, farthest, rule);
         if (next.crosses || !(next.slope < infinity)) return farthest;
         if (!next.alone) return -infinity;
@@ -276,12 +305,22 @@ void Crowd::begin(const Sights& from, int most) {
 }
 
 void Crowd::finish() {
+    if (size_ > most_samples) thin();
     for (int i = 0; i < size_; ++i) slope_[i] = from_.slope[source_[i]];
     if (!from_.speed_x) return;
     for (int i = 0; i < size_; ++i) {
         speed_x_[i] = from_.speed_x[source_[i]];
         speed_y_[i] = from_.speed_y[source_[i]];
     }
+}
+
+// Keeps the nearest.
+void Crowd::thin() {
+    std::vector<std::tuple<float, float, float, std::int32_t>> all;
+    for (int i = 0; i < size_; ++i) all.push_back({x_[i] * x_[i] + y_[i] * y_[i], x_[i], y_[i], source_[i]});
+    std::nth_element(all.begin(), all.begin() + most_samples, all.end());
+    for (size_ = 0; size_ < most_samples; ++size_)
+        std::tie(std::ignore, x_[size_], y_[size_], source_[size_]) = all[size_];
 }
 
 Sights Crowd::sights() const {
@@ -301,33 +340,25 @@ Sights Crowd::sights() const {
 // (Figure 7).
 Surfaces::Verdict Surfaces::glance(const Sights& sights, const SightRow* rows, int row_count, float x, float y,
                                    float* seen) {
-    const GroupInFront group_of = group_function(sights);
     const Place place{x, y, rule_.radius, rule_.tent * rule_.radius};
-    const auto take = [&](const Group& group, std::int64_t& counter) {
-        ++counter;
-        seen[0] = group.red / group.weight;
-        seen[1] = group.green / group.weight;
-        seen[2] = group.blue / group.weight;
-        seen[3] = group.least;
-        return Verdict::found;
-    };
-    const Group all = group_of(sights, rows, row_count, place, infinity, rule_);
-    if (all.least == infinity) return Verdict::nothing;
+    const Range range = (sights.speed_x ? range_of_moving : range_of_still)(sights, rows, row_count, place, rule_);
+    if (range.least == infinity) return Verdict::nothing;
     if (rule_.tent == 0) return Verdict::several;  // for whom which sample is nearest matters
-    if (all.spread <= rule_.tolerance && all.weight > 0) {
-        ++statistics_.surfaces;
-        return take(all, statistics_.single);
-    }
-    const float farthest = end_of_surface(sights, rows, row_count, place, all.least, rule_);
+    const float farthest = range.spread <= rule_.tolerance
+                               ? range.most
+                               : end_of_surface(sights, rows, row_count, place, range.least, steps_at_a_glance, rule_);
     if (farthest == -infinity) return Verdict::several;
-    if (all.most <= farthest && all.weight > 0) {
-        ++statistics_.surfaces;
-        return take(all, statistics_.single);
-    }
-    const Group front = group_of(sights, rows, row_count, place, farthest, rule_);
-    if (front.quadrants < 4 || !(front.weight > 0)) return Verdict::several;
-    statistics_.surfaces += 2;
-    return take(front, statistics_.quadrants);
+    const auto group_of = sights.weight ? group_of_glossy : group_of_matte;
+    const Group front = group_of(sights, rows, row_count, place, farthest);
+    const bool single = farthest >= range.most;
+    if (!(front.weight > 0) || (!single && front.quadrants != all_quadrants)) return Verdict::several;
+    ++(single ? statistics_.single : statistics_.quadrants);
+    statistics_.surfaces += single ? 1 : 2;
+    seen[0] = front.red / front.weight;
+    seen[1] = front.green / front.weight;
+    seen[2] = front.blue / front.weight;
+    seen[3] = range.least;
+    return Verdict::found;
 }
 
 // The same with a close look at the crowd within R, where a triangle may show as well that the front surface covers the
@@ -384,7 +415,7 @@ void Surfaces::next_surface() {
     left.slope = depth_.data();
     const SightRow all{0, crowd_.size()};
     const float least = *std::min_element(depth_.begin(), depth_.end());
-    const float farthest = end_of_surface(left, &all, 1, {0.0f, 0.0f, far_away, 0.0f}, least, rule_);
+    const float farthest = end_of_surface(left, &all, 1, {0.0f, 0.0f, far_away, 0.0f}, least, most_steps, rule_);
     if (farthest > -infinity) {
         std::size_t size = surface_.size();
         surface_.resize(size + static_cast<std::size_t>(left_));
@@ -471,7 +502,7 @@ bool Surfaces::on_one_side(int n) const {
     for (int i = 0; i < n; ++i) {
         const float side = turn(0, i);
         if (side >= 0) {
-            if (side == 0 && x[0] * x[i] + y[0] * y[i] < 0) return false;
+            if (side == 0 && x[0] * x[i] + y[0] * y[i] <= 0 && i > 0) return false;
             if (left < 0 || turn(left, i) > 0) left = i;
         } else if (right < 0 || turn(right, i) < 0) {
             right = i;

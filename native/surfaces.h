@@ -41,7 +41,9 @@ public:
         source_[size_] = i;
         size_ += wanted;
     }
-    void finish();  // looks up what else there is to know of them
+    void finish();  // looks up what else there is to know of those that stay
+
+    static constexpr int most_samples = 512;  // of more, the nearest stay
 
     int size() const { return size_; }
     const Sights& from() const { return from_; }
@@ -49,6 +51,8 @@ public:
     Sights sights() const;  // positions, slopes and speeds
 
 private:
+    void thin();
+
     Sights from_{};
     int size_ = 0;
     std::vector<std::int32_t> source_;

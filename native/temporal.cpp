@@ -18,8 +18,8 @@ void visit_near(const SampleTree& tree, const float* location, float radius, Vis
                [&](std::int32_t, const std::int32_t* samples, std::int32_t count) {
                    for (std::int32_t k = 0; k < count; ++k) {
                        const Path path = field.path(samples[k]);
-                       if (depth_at(path, time) < nearest_share * field.depth[samples[k]]) continue;
-                       const Sight sight = sight_of(path, u, v, time, field.c0, field.c1);
+                       if (depth_at(path, time) < nearest_depth) continue;
+                       const Sight sight = sight_of(path, u, v, time, field.far_slope());
                        const float dx = sight.x - x, dy = sight.y - y;
                        if (dx * dx + dy * dy <= radius * radius) visit_sample(samples[k], sight);
                    }

@@ -23,18 +23,18 @@ FEWRAYS_CLONES void project_still(const float* FEWRAYS_RESTRICT x, const float* 
 }
 
 struct PathFields {
-    const float *x, *y, *w, *dx, *dy, *dw, *nearest;
+    const float *x, *y, *w, *dx, *dy, *dw, *c0;
 };
 
-FEWRAYS_CLONES void project_moving(const PathFields& path, int n, const View& view, float c0, float c1,
+FEWRAYS_CLONES void project_moving(const PathFields& path, int n, const View& view, float c1,
                                    float* FEWRAYS_RESTRICT seen_x, float* FEWRAYS_RESTRICT seen_y,
                                    float* FEWRAYS_RESTRICT slope, float* FEWRAYS_RESTRICT speed_x,
                                    float* FEWRAYS_RESTRICT speed_y) {
     const float u = view.u, v = view.v, time = view.time;
     for (int i = 0; i < n; ++i) {
         const Sight sight =
-            sight_of({path.x[i], path.y[i], path.w[i], path.dx[i], path.dy[i], path.dw[i]}, u, v, time, c0, c1);
-        const bool in_front = path.w[i] + time * path.dw[i] >= path.nearest[i];
+            sight_of({path.x[i], path.y[i], path.w[i], path.dx[i], path.dy[i], path.dw[i], path.c0[i]}, u, v, time, c1);
+        const bool in_front = path.w[i] + time * path.dw[i] >= nearest_depth;
         seen_x[i] = in_front ? sight.x : nowhere;
         seen_y[i] = sight.y;
         slope[i] = sight.slope;
@@ -62,7 +62,9 @@ FEWRAYS_CLONES void find_cells(const float* FEWRAYS_RESTRICT x, const float* FEW
 }  // namespace
 
 float gloss_weight(float u, float v, float bandwidth) {
-    return std::max(exp_negative(-0.5f * (u * u + v * v) / (bandwidth * bandwidth)), least_weight);
+    u /= bandwidth;
+    v /= bandwidth;
+    return std::max(exp_negative(-0.5f * (u * u + v * v)), least_weight);
 }
 
 void LeafCache::clear() {
@@ -84,11 +86,11 @@ LeafCache::Place LeafCache::place(std::int32_t leaf, const std::int32_t* samples
     for (std::int32_t k = 0; k < padded; ++k) {
         const std::ptrdiff_t i = samples[std::min(k, count - 1)];
         const Path path = from.path(static_cast<std::int32_t>(i));
-        const float x = k < count ? path.x : nowhere * path.w;
+        const float x = k < count ? path.x : nowhere;
         if (moving())
-            push(0, {x, path.y, path.w, path.dx, path.dy, path.dw, nearest_share * from.depth[i]});
+            push(0, {x, path.y, path.w, path.dx, path.dy, path.dw, path.c0});
         else
-            push(0, {x / path.w, path.y / path.w, slope(path.w, from.c0, from.c1)});
+            push(0, {x, path.y, path.c0 + from.far_slope()});
         push(color_field(), {from.color[3 * i], from.color[3 * i + 1], from.color[3 * i + 2]});
         if (glossy()) push(gloss_field(), {from.uv[2 * i], from.uv[2 * i + 1], from.bandwidth[i]});
     }
@@ -123,7 +125,7 @@ void ViewGrid::project(const View& view) {
         if (moving())
             project_moving(
                 {at(0, place), at(1, place), at(2, place), at(3, place), at(4, place), at(5, place), at(6, place)},
-                place.count, view, from.c0, from.c1, x, y, c, seen_[3].data() + done, seen_[4].data() + done);
+                place.count, view, from.far_slope(), x, y, c, seen_[3].data() + done, seen_[4].data() + done);
         else
             project_still(at(0, place), at(1, place), at(2, place), place.count, view.u, view.v, x, y, c);
         for (std::int32_t k = 0; k < place.count; ++k) sources_[static_cast<std::size_t>(done + k)] = place.first + k;

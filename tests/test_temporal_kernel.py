@@ -20,7 +20,7 @@ from fewrays.samples import OFF_IMAGE
 from fewrays.temporal import TemporalOptions, kernel, make_plan, reference
 from fewrays.temporal.hierarchy import Hierarchy
 from fewrays.temporal.locations import Locations
-from fewrays.temporal.plan import Plan
+from fewrays.temporal.plan import Plan, SurfaceRule
 from fewrays.temporal.statistics import Statistics
 
 Float32 = npt.NDArray[np.float32]
@@ -457,3 +457,66 @@ class TestSimpleScenes:
         np.testing.assert_allclose(image[:, : int(reach) - 2], 0.7, rtol=1e-6)
         assert not image[:, int(reach) + 3 :].any()
         assert counts.empty > 0
+
+
+class TestRareCases:
+    @pytest.mark.parametrize("order", [0, 1, 2, 3, 4])
+    def test_a_sample_exactly_at_a_location(self, order: int) -> None:
+        """It is a corner of triangles like any other, wherever it comes in the buffer."""
+        front = [(0.5, 0.1), (0.9, 0.5), (0.6, -0.4), (0.8, 0.8)]
+        middle = np.roll([(0.0, 0.0), (1.0, 1.0), (-1.0, 0.9), (-0.9, -0.8), (0.9, -0.9)], order, axis=0)
+        back = [(0.2, 0.3), (-0.3, 0.2), (-0.2, -0.25), (0.3, -0.2)]
+        xy = np.concatenate([front, middle, back])[:, None, None] + 10.0
+        depth = np.repeat([0.1, 0.2, 0.5], [4, 5, 4])[:, None, None]
+        samples = SampleBuffer(xy, np.zeros_like(xy), depth, depth[..., None] * np.ones(3), Lens(-10.0, 0.0))
+        rule = SurfaceRule(1.0, 0.1, 0.05)
+        place = np.array([[10, 10, 0, 0, 0]], np.float32)
+        color, _, counts = kernel.reconstruct_locations(Hierarchy(samples, rule), rule, place)
+        assert counts.covered == 1
+        np.testing.assert_allclose(color, 0.2, rtol=1e-6)
+
+    @pytest.mark.parametrize("engine", ["reference", "cpu"])
+    @pytest.mark.parametrize("bandwidth", [1e-45, 1e-38, 1e-22])
+    def test_the_narrowest_bandwidths(self, bandwidth: float, engine: str) -> None:
+        """Their squares are 0 in float32, and so is the distance from a sample's own lens point."""
+        samples = make_samples("still", 4, 4, 2, 1.0)
+        samples = replace(
+            samples, uv=np.zeros_like(samples.uv), bandwidth=np.full_like(samples.depth, bandwidth)
+        )
+        assert samples.bandwidth is not None
+        plan = only(make_plan(samples, TemporalOptions()), 0)
+        plan = replace(plan, locations=replace(plan.locations, uv=np.zeros((1, 2), np.float32)))
+        image, _ = run(samples, engine, plan=plan)
+        matte, _ = run(replace(samples, bandwidth=None), engine, plan=plan)
+        np.testing.assert_allclose(image, matte, rtol=1e-5)
+
+    def test_depths_and_lenses_at_the_ends_of_float32(self) -> None:
+        samples = make_samples("moving", 6, 7, 2, 2.0)
+        for depth, lens in ((3e38, Lens(-5.0, 1.0)), (1e38, Lens(-1e30, 1e25)), (1e-30, Lens(-1e-25, 1.0))):
+            extreme = replace(
+                samples, depth=np.where(samples.depth > 1, depth, samples.depth).astype(np.float32)
+            )
+            image, counts = run(replace(extreme, lens=lens), locations=8)
+            assert np.isfinite(image).all()
+            assert counts.locations == 8 * 42
+
+    def test_equal_slopes_are_told_apart_alike(self) -> None:
+        samples = make_samples("still", 12, 16, 4, 8.0)
+        rng = np.random.default_rng(0)
+        tied = np.where(rng.random(samples.depth.shape) < 0.5, np.float32(1e6), samples.depth)
+        samples = replace(samples, depth=tied.astype(np.float32))
+        expected, counts = run(samples, "reference", locations=8)
+        actual, native_counts = run(samples, locations=8)
+        assert_twins(actual, expected)
+        assert_like(native_counts, counts)
+
+    def test_crowds_are_thinned_alike(self) -> None:
+        """What recedes to many times its depth crowds around the principal point."""
+        samples = make_samples("still", 16, 16, 4, 1.0)
+        w = samples.depth
+        motion = np.stack([12 * w * 8, 12 * w * 8, 12 * w], axis=-1)
+        receding = replace(samples, time=np.zeros_like(w), motion=motion.astype(np.float32))
+        plan = make_plan(receding, TemporalOptions(locations=8, shutter=(1.0, 1.0)))
+        expected, _ = run(receding, "reference", plan=plan)
+        actual, _ = run(receding, plan=plan)
+        assert_agree(actual, expected, tolerance=1e-3, flips=0.05, jump=1.0)

@@ -10,13 +10,16 @@ from fewrays.temporal.dispersion import dispersion
 from fewrays.temporal.locations import Locations
 from fewrays.tiling import Tiling
 
-__all__ = ["BAND_STARTS", "CROSSING_TOLERANCE", "WIDEST", "Plan", "SurfaceRule"]
+__all__ = ["BAND_STARTS", "CROSSING_TOLERANCE", "MOST_SAMPLES", "WIDEST", "Plan", "SurfaceRule"]
 
 CROSSING_TOLERANCE = 0.1
 """Pixels by which the paths of samples of one surface may cross."""
 
 BAND_STARTS = (0.0, 4.0, 8.0, 16.0)
 """Circle-of-confusion radii in pixels at which bands of blur begin."""
+
+MOST_SAMPLES = 512
+"""Samples near a location that are looked at closely: of more, the nearest."""
 
 WIDEST = 8.0
 """Radius in units of R up to which samples are looked for where there are none nearer."""

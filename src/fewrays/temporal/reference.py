@@ -28,7 +28,7 @@ import numpy.typing as npt
 
 from fewrays.parallel import Execution, progress_bar
 from fewrays.samples import SampleBuffer
-from fewrays.temporal.plan import Plan
+from fewrays.temporal.plan import MOST_SAMPLES, Plan
 from fewrays.temporal.reprojection import Paths, Sights
 from fewrays.temporal.statistics import Statistics
 from fewrays.temporal.surfaces import Surface, find_surface, tent_weights
@@ -103,10 +103,17 @@ class _View:
         return cls(sights, None if samples.bandwidth is None else _gloss_weights(samples, uv))
 
     def look(self, x: float, y: float, radius: float) -> Sights:
-        """Find the samples within a radius of a place; their positions become relative to it."""
+        """Find the samples within a radius of a place; their positions become relative to it.
+
+        Where very many crowd, as on what recedes fast, the nearest say enough.
+        """
         first, end = np.searchsorted(self.sights.xy[:, 0], [x - radius, x + radius])
         beside = self.sights.take(slice(first, end)).relative_to(x, y)
-        return beside.take(np.square(beside.xy).sum(axis=-1) <= radius**2)
+        beside = beside.take(np.square(beside.xy).sum(axis=-1) <= radius**2)
+        if beside.count <= MOST_SAMPLES:
+            return beside
+        x_away, y_away = beside.xy.T
+        return beside.take(np.lexsort([y_away, x_away, x_away**2 + y_away**2])[:MOST_SAMPLES])
 
     def radiance(self, surface: Surface, color: Float64) -> Float64:
         """Average the radiance (3,) of a surface's samples under its tent."""
