@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import fewrays
-from fewrays.baselines.accumulation import FilterShape
 from fewrays.method import Image
+from fewrays.sources.analytic import PixelFilter
 from peers import DENOISER, denoise
 
 __all__ = [
@@ -38,10 +38,16 @@ def make_image(algorithm: str, samples: fewrays.SampleBuffer) -> Image:
     return fewrays.reconstruct(samples, algorithm)
 
 
-def pixel_filter_of(algorithm: str) -> FilterShape:
-    """Return the pixel filter that an algorithm's images have: methods with a width for it, the Gaussian."""
+def pixel_filter_of(algorithm: str) -> PixelFilter:
+    """Return the pixel filter that an algorithm's images have by default.
+
+    Methods with a choice say which; of the others those with a width for it have the Gaussian.
+    """
     method = fewrays.METHODS.get(algorithm)
-    return "gaussian" if hasattr(getattr(method, "options", None), "sigma_pix") else "box"
+    options = getattr(method, "options", None)
+    fallback: PixelFilter = "gaussian" if hasattr(options, "sigma_pix") else "box"
+    chosen: PixelFilter = getattr(options, "pixel_filter", fallback)
+    return chosen
 
 
 def tile_side(algorithm: str) -> int:

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 import fewrays
-from fewrays.baselines.accumulation import FilterShape
 from fewrays.color import gamma_encode
 from fewrays.method import Image
+from fewrays.pixel_filter import PixelFilterShape
 
 __all__ = [
     "SAMPLINGS",
@@ -35,7 +35,7 @@ SAMPLINGS = ("square", "gaussian")
 
 _INSTALL = 'pip install "fewrays[mitsuba]"'
 _BLOCK, _BLOCK_ERROR = 20, 0.02  # pixels; share of white after gamma 2.2. Noise alone leaves 0.005.
-_FILTERS: tuple[FilterShape, ...] = ("gaussian", "box")
+_FILTERS: tuple[PixelFilterShape, ...] = ("gaussian", "box")
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Scene:
 
     name: str
     samples: dict[str, fewrays.SampleBuffer]
-    references: dict[FilterShape, Reference]
+    references: dict[PixelFilterShape, Reference]
 
 
 def require_renders(folder: Path, scenes: Sequence[str], spp: int) -> None:
@@ -90,7 +90,7 @@ def load_scene(folder: Path, name: str, spp: int) -> Scene:
     return Scene(name, samples, load_references(folder, name))
 
 
-def load_references(folder: Path, name: str) -> dict[FilterShape, Reference]:
+def load_references(folder: Path, name: str) -> dict[PixelFilterShape, Reference]:
     """Load a scene's references by pixel filter.
 
     Raises

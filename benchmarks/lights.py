@@ -11,9 +11,17 @@ import numpy.typing as npt
 
 import fewrays
 from contenders import OURS, PLAIN, RIVALS, make_image, pixel_filter_of
-from fewrays.baselines.accumulation import FilterShape
 from fewrays.method import Image
-from fewrays.sources.analytic import Plane, constant, disc, reference, sample, smooth_noise, stripes
+from fewrays.sources.analytic import (
+    PixelFilter,
+    Plane,
+    constant,
+    disc,
+    reference,
+    sample,
+    smooth_noise,
+    stripes,
+)
 from report import markdown_table, met
 
 __all__ = ["CASES", "LENS", "Behaviour", "LightCase", "Measured", "measure_light", "section", "verdict"]
@@ -136,7 +144,7 @@ def measure_light(case: LightCase) -> Measured:
     return Measured(case, behaviours, first, truths["gaussian"])
 
 
-def _truth(planes: Sequence[Plane], pixel_filter: FilterShape) -> Image:
+def _truth(planes: Sequence[Plane], pixel_filter: PixelFilter) -> Image:
     return reference(planes, LENS, SIZE, SIZE, spp=TRUTH_SPP, pixel_filter=pixel_filter)
 
 

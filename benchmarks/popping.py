@@ -13,9 +13,16 @@ import numpy.typing as npt
 
 import fewrays
 from contenders import OURS, PLAIN, PUBLISHED, make_image, pixel_filter_of
-from fewrays.baselines.accumulation import FilterShape
 from fewrays.method import Image
-from fewrays.sources.analytic import Plane, constant, exact_waves, half_plane, sample, smooth_noise
+from fewrays.sources.analytic import (
+    PixelFilter,
+    Plane,
+    constant,
+    exact_waves,
+    half_plane,
+    sample,
+    smooth_noise,
+)
 from report import markdown_table, met
 
 __all__ = ["METHODS", "Slide", "change_beyond_truth", "measure_slides", "section", "verdict"]
@@ -69,7 +76,7 @@ class _Scene:
     name: str
     slopes: npt.NDArray[np.float64]
     planes: Callable[[float], list[Plane]]
-    truth: Callable[[float, FilterShape], Image]
+    truth: Callable[[float, PixelFilter], Image]
 
 
 def measure_slides() -> list[Slide]:
@@ -114,7 +121,7 @@ def change_beyond_truth(
 def _wall() -> _Scene:
     """Return one textured plane that fills the image; its truth is exact."""
 
-    def truth(slope: float, pixel_filter: FilterShape) -> Image:
+    def truth(slope: float, pixel_filter: PixelFilter) -> Image:
         return exact_waves(_WALL, _LENS.depth(slope), _LENS, *_SIZE, pixel_filter=pixel_filter)
 
     slopes = np.arange(-6.0, 6.0 + STEP / 2, STEP)
@@ -131,7 +138,7 @@ def _edge() -> _Scene:
     return _Scene("cover before a wall", np.arange(-6.0, 3.0 + STEP / 2, STEP), planes, _exact_edge)
 
 
-def _exact_edge(slope: float, pixel_filter: FilterShape) -> Image:
+def _exact_edge(slope: float, pixel_filter: PixelFilter) -> Image:
     """Integrate the cover's opacity over the aperture, cut off at its square, and over the pixel filter."""
     u, weights = np.polynomial.legendre.leggauss(128)
     weights = weights * np.exp(-np.square(u) / (2 * _LENS.sigma**2))

@@ -22,10 +22,10 @@ import foundation
 import sample_counts
 from contenders import BEST, BEST_OPTIONS, OURS, PLAIN, pixel_filter_of
 from example_renders import SAMPLINGS, SCENES, Scene, load_scene, require_match, require_renders
-from fewrays.baselines.accumulation import FilterShape
 from fewrays.display import Candidate, save_picture
 from fewrays.method import Image
 from fewrays.metrics import Comparison, compare
+from fewrays.pixel_filter import PixelFilterShape
 from peers import DENOISER, denoise, require_bench
 from pictures import hero, scene_sheet
 from report import ROOT, markdown_table, met, provenance, write_page
@@ -35,7 +35,7 @@ TARGETS = {DENOISER: 5.0, PLAIN: 12.0}
 """What the headline method shall gain, in dB over the others on the same samples."""
 HERO = "foliage"
 SAMPLING_NAMES = {"square": "square", "gaussian": "aperture"}
-FILTER_NAMES: dict[FilterShape, str] = {"gaussian": "Gaussian, σ = 0.5 px", "box": "box, 1 px"}
+FILTER_NAMES: dict[PixelFilterShape, str] = {"gaussian": "Gaussian, σ = 0.5 px", "box": "box, 1 px"}
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Entry:
 
     algorithm: str
     sampling: str
-    pixel_filter: FilterShape
+    pixel_filter: PixelFilterShape
     image: Image
     quality: Comparison
     corrected: float
@@ -130,7 +130,7 @@ def measure(scene: Scene, folder: Path) -> Iterator[Entry]:
                 yield entry(scene, DENOISER, sampling, "box", denoise(image))
 
 
-def entry(scene: Scene, algorithm: str, sampling: str, pixel_filter: FilterShape, image: Image) -> Entry:
+def entry(scene: Scene, algorithm: str, sampling: str, pixel_filter: PixelFilterShape, image: Image) -> Entry:
     """Compare an image with the reference of its pixel filter."""
     reference = scene.references[pixel_filter]
     quality = compare(image, reference.image)

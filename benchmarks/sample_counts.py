@@ -16,7 +16,7 @@ from pathlib import Path
 import fewrays
 from contenders import OURS, PLAIN, PUBLISHED, RIVALS, make_image, pixel_filter_of
 from example_renders import SAMPLINGS, Reference, how_to_render, load_references, samples_file
-from fewrays.baselines.accumulation import FilterShape
+from fewrays.pixel_filter import PixelFilterShape
 from foundation import COMMIT, foundation_file
 from report import markdown_table
 from scores import Score, score
@@ -97,7 +97,7 @@ def measure_counts(folder: Path, scene: str) -> SampleCounts:
 
 
 def _score_of(
-    algorithm: str, samples: fewrays.SampleBuffer, references: Mapping[FilterShape, Reference]
+    algorithm: str, samples: fewrays.SampleBuffer, references: Mapping[PixelFilterShape, Reference]
 ) -> Score:
     return score(make_image(algorithm, samples), references[pixel_filter_of(algorithm)])
 

@@ -25,9 +25,10 @@ from pathlib import Path
 from typing import Any
 
 import fewrays
-from fewrays.baselines.accumulation import Accumulator, PixelFilter
+from fewrays.baselines.accumulation import Accumulator
 from fewrays.lens import Aperture
 from fewrays.parallel import progress_bar
+from fewrays.pixel_filter import PixelFilter
 from fewrays.sources import mitsuba as source
 
 STILL_SCENES = ("foliage", "citadel", "serpent")

@@ -10,11 +10,12 @@ import numpy.typing as npt
 import pytest
 
 from fewrays import Lens, SampleBuffer, SampleError
-from fewrays.baselines.accumulation import Accumulator, FilterShape, PixelFilter, accumulate
+from fewrays.baselines.accumulation import Accumulator, accumulate
+from fewrays.pixel_filter import PixelFilter, PixelFilterShape
 from fewrays.sources.patterns import sample_pattern
 
 LENS = Lens(-10.0, 2.0, aperture="gaussian", sampling="square")
-FILTERS: tuple[FilterShape, ...] = ("gaussian", "box")
+FILTERS: tuple[PixelFilterShape, ...] = ("gaussian", "box")
 
 
 def batch(seed: int, color: Any = None, *, height: int = 9, width: int = 11, spp: int = 4) -> SampleBuffer:
@@ -44,7 +45,7 @@ def slow_sums(samples: SampleBuffer, pixel_filter: PixelFilter) -> npt.NDArray[n
 
 @pytest.mark.parametrize(
     "pixel_filter",
-    [PixelFilter(), PixelFilter("gaussian", 0.3), PixelFilter("gaussian", 1.1), PixelFilter("box")],
+    [PixelFilter("gaussian"), PixelFilter("gaussian", 0.3), PixelFilter("gaussian", 1.1), PixelFilter("box")],
 )
 def test_equals_the_sum_over_all_pairs(pixel_filter: PixelFilter) -> None:
     accumulator = Accumulator(9, 11, pixel_filter)
@@ -53,7 +54,7 @@ def test_equals_the_sum_over_all_pairs(pixel_filter: PixelFilter) -> None:
 
 
 @pytest.mark.parametrize("pixel_filter", FILTERS)
-def test_position_counts_and_not_the_place_in_the_arrays(pixel_filter: FilterShape) -> None:
+def test_position_counts_and_not_the_place_in_the_arrays(pixel_filter: PixelFilterShape) -> None:
     samples = batch(2)
     order = np.random.default_rng(0).permutation(samples.depth.size)
 
@@ -71,7 +72,7 @@ def test_position_counts_and_not_the_place_in_the_arrays(pixel_filter: FilterSha
 
 
 @pytest.mark.parametrize("pixel_filter", FILTERS)
-def test_a_constant_stays_constant(pixel_filter: FilterShape) -> None:
+def test_a_constant_stays_constant(pixel_filter: PixelFilterShape) -> None:
     def constant(xy: Any, uv: Any, rng: Any) -> Any:
         del uv, rng
         return np.full((*xy.shape[:3], 3), 2.5)
@@ -111,7 +112,7 @@ def test_aperture_weights_turn_square_samples_into_a_gaussian() -> None:
 
 
 @pytest.mark.parametrize("pixel_filter", FILTERS)
-def test_noise_estimate_equals_the_true_noise(pixel_filter: FilterShape) -> None:
+def test_noise_estimate_equals_the_true_noise(pixel_filter: PixelFilterShape) -> None:
     def noise(xy: Any, uv: Any, rng: Any) -> Any:
         del uv
         return rng.uniform(0.2, 0.8, (*xy.shape[:3], 3))
@@ -128,7 +129,7 @@ def test_samples_off_the_image_are_guard_band() -> None:
     accumulator = Accumulator(9, 11, PixelFilter("gaussian", 0.5))
     accumulator.add(outside)
     np.testing.assert_allclose(
-        accumulator.image()[:-2, :-2], slow_sums(outside, PixelFilter())[:-2, :-2], rtol=2e-6
+        accumulator.image()[:-2, :-2], slow_sums(outside, PixelFilter("gaussian"))[:-2, :-2], rtol=2e-6
     )
 
 

@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fewrays import SampleError
-from fewrays.baselines.accumulation import PixelFilter as AccumulationFilter
 from fewrays.pixel_filter import PixelFilter
 
 Float64 = npt.NDArray[np.float64]
@@ -130,14 +129,6 @@ def test_offsets_keep_order_and_stay_inside(pixel_filter: PixelFilter, xi: list[
     assert np.isfinite(weight).all()
     again, _ = PixelFilter(pixel_filter.shape, pixel_filter.sigma_pix).offsets(sorted(xi))
     assert (offset == again).all()
-
-
-@given(sigma=st.floats(0.1, 4), x=st.floats(-13, 13))
-def test_the_gaussian_is_that_of_accumulated_references(sigma: float, x: float) -> None:
-    reference = AccumulationFilter("gaussian", sigma)
-    pixel_filter = PixelFilter("gaussian", sigma)
-    assert pixel_filter.weight(x) == reference.weights(np.array(x))
-    assert pixel_filter.reach == reference.reach
 
 
 @pytest.mark.parametrize(

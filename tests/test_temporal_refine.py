@@ -13,7 +13,6 @@ from buffers import random_buffer
 from fewrays import Lens, SampleBuffer, reconstruct
 from fewrays.aperture import Aperture
 from fewrays.baselines.accumulation import Accumulator
-from fewrays.baselines.accumulation import PixelFilter as AccumulatedFilter
 from fewrays.metrics import psnr_display
 from fewrays.pixel_filter import PixelFilter
 from fewrays.sources.analytic import Plane, checker, reference, sample, smooth_noise, stripes
@@ -132,7 +131,7 @@ class TestSampleMean:
     def test_it_is_what_accumulation_gives(self, shape: str) -> None:
         samples = random_buffer(17, 23, 6, Lens(-40.0, 8.0, "gaussian", "square"), seed=4)
         mean = sample_mean(samples, Aperture.of_lens(samples.lens), PixelFilter(shape), WHOLE)  # type: ignore[arg-type]
-        accumulator = Accumulator(17, 23, AccumulatedFilter(shape, 0.5))  # type: ignore[arg-type]
+        accumulator = Accumulator(17, 23, PixelFilter(shape, 0.5))  # type: ignore[arg-type]
         accumulator.add(samples)
         known = mean.known > 0
         assert known.mean() > 0.9

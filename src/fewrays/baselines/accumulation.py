@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -19,56 +17,12 @@ import numpy.typing as npt
 from fewrays.color import gamma_encode
 from fewrays.errors import SampleError
 from fewrays.method import Image
+from fewrays.pixel_filter import PixelFilter, PixelFilterShape
 from fewrays.samples import SampleBuffer
 
-__all__ = ["Accumulator", "FilterShape", "PixelFilter", "accumulate"]
+__all__ = ["Accumulator", "accumulate"]
 
-FilterShape = Literal["gaussian", "box"]
 Float64 = npt.NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class PixelFilter:
-    """A pixel filter.
-
-    Parameters
-    ----------
-    shape : {"gaussian", "box"}
-        A Gaussian cut off at 3 sigma (1.5 px at least), or the pixel's own square.
-    sigma_pix : float
-        Standard deviation of the Gaussian in pixels.
-
-    Raises
-    ------
-    SampleError
-        For an unknown shape or a sigma that is not positive.
-    """
-
-    shape: FilterShape = "gaussian"
-    sigma_pix: float = 0.5
-
-    def __post_init__(self) -> None:
-        if self.shape not in get_args(FilterShape):
-            expected = ", ".join(get_args(FilterShape))
-            raise SampleError(f"expected one of {expected}; got {self.shape!r}", field="pixel_filter")
-        if not (math.isfinite(self.sigma_pix) and self.sigma_pix > 0):
-            raise SampleError(f"expected a positive number, got {self.sigma_pix!r}", field="sigma_pix")
-
-    @property
-    def reach(self) -> int:
-        """How many pixels to each side of its own a sample can touch."""
-        return 0 if self.shape == "box" else math.ceil(self._radius - 0.5)
-
-    @property
-    def _radius(self) -> float:
-        return max(1.5, 3 * self.sigma_pix)
-
-    def weights(self, distance: Float64) -> Float64:
-        """Return the filter's factor along one axis, at distances to the pixel centre in pixels."""
-        if self.shape == "box":
-            return np.ones_like(distance)
-        gaussian: Float64 = np.exp(-0.5 * (distance / self.sigma_pix) ** 2)
-        return np.where(np.abs(distance) <= self._radius, gaussian, 0.0)
 
 
 class Accumulator:
@@ -78,12 +32,12 @@ class Accumulator:
     ----------
     height, width : int
         Image size in pixels.
-    pixel_filter : PixelFilter
-        What a pixel averages over; use one accumulator for each filter.
+    pixel_filter : PixelFilter, optional
+        What a pixel averages over, a Gaussian when omitted; use one accumulator for each filter.
     """
 
     def __init__(self, height: int, width: int, pixel_filter: PixelFilter | None = None) -> None:
-        self.pixel_filter = pixel_filter or PixelFilter()
+        self.pixel_filter = pixel_filter or PixelFilter("gaussian")
         self.batches = 0
         self._halves = np.zeros((2, height, width, 4))  # weighted RGB, weight
 
@@ -134,7 +88,7 @@ def accumulate(
     batches: Iterable[SampleBuffer],
     shape: tuple[int, int],
     *,
-    pixel_filter: FilterShape = "gaussian",
+    pixel_filter: PixelFilterShape = "gaussian",
     sigma_pix: float = 0.5,
 ) -> tuple[Image, float]:
     """Average batches of samples into an image.
@@ -145,8 +99,8 @@ def accumulate(
         Independent batches of equal size, at least two; only one is held at a time.
     shape : (int, int)
         Height and width of the image in pixels.
-    pixel_filter : {"gaussian", "box"}
-        Gaussian of `sigma_pix`, or the pixel's own square.
+    pixel_filter : {"gaussian", "box", "blackman-harris", "mitchell"}
+        See `fewrays.pixel_filter.PixelFilter`.
     sigma_pix : float
         Standard deviation of the Gaussian in pixels.
 
@@ -175,11 +129,11 @@ def _splat(sums: Float64, xy: Float64, values: Float64, pixel_filter: PixelFilte
     steps = range(-pixel_filter.reach, pixel_filter.reach + 1)
     for dy in steps:
         row = home[:, 1] + dy
-        row_weight = pixel_filter.weights(row + 0.5 - xy[:, 1])
+        row_weight = pixel_filter.weight(row + 0.5 - xy[:, 1])
         for dx in steps:
             column = home[:, 0] + dx
-            weight = row_weight * pixel_filter.weights(column + 0.5 - xy[:, 0])
-            inside = (row >= 0) & (row < height) & (column >= 0) & (column < width) & (weight > 0)
+            weight = row_weight * pixel_filter.weight(column + 0.5 - xy[:, 0])
+            inside = (row >= 0) & (row < height) & (column >= 0) & (column < width) & (weight != 0)
             pixel = (row * width + column)[inside].astype(np.int64)
             for channel in range(4):
                 total = np.bincount(pixel, (values[channel] * weight)[inside], height * width)

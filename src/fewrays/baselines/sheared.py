@@ -38,11 +38,12 @@ from typing import cast
 import numpy as np
 import numpy.typing as npt
 
-from fewrays.baselines.accumulation import Accumulator, PixelFilter
+from fewrays.baselines.accumulation import Accumulator
 from fewrays.baselines.box import divide_and_fill
 from fewrays.errors import require_option
 from fewrays.method import Image, Method, Reconstruction
 from fewrays.parallel import Execution, map_ranges
+from fewrays.pixel_filter import PixelFilter
 from fewrays.samples import SampleBuffer
 
 __all__ = ["METHOD", "ShearedOptions"]
