@@ -81,7 +81,11 @@ class TestBands:
         bands = np.zeros((60, 60, 3, 4), np.float32)
         bands[:, :, 2, :3] = 0.5 + np.random.default_rng(0).normal(0, 0.1, (60, 60, 3))
         bands[:, :, 2, 3] = 1
-        assert smooth_bands(bands, STARTS, 1 / 8).std() < 0.35 * smooth_bands(bands, STARTS, 0.0).std()
+        noisy, smooth = (
+            smooth_bands(bands, STARTS, along_lens)[5:-5, 5:-5].std() for along_lens in (0.0, 0.1)
+        )
+        assert smooth == pytest.approx(noisy / np.sqrt(4 * np.pi * 0.8**2), rel=0.15)
+        assert smooth_bands(bands, STARTS, 0.5).std() > 0.5 * smooth  # wide blur bears no more
 
     def test_pixels_that_saw_nothing_are_black(self) -> None:
         assert not smooth_bands(np.zeros((5, 6, 3, 4), np.float32), STARTS, 0.1).any()

@@ -3,8 +3,8 @@
 **What is widely blurred is smooth.** A location stands for the part ``δ = 1 / √N`` of the lens, in which a
 surface of slope C moves over ``δ |C|`` pixels of the image. Few locations leave noise of that size; wide blur
 leaves no detail of that size. So what is seen is added up in bands of |C|, and the mean radiance of each band
-is smoothed by δ times the least |C| in it, while how much of each band a pixel sees stays as it is: edges in
-focus stay sharp (`smooth_bands`).
+is smoothed by δ times the least |C| in it, or a tenth of that if δ is more, while how much of each band a
+pixel sees stays as it is: edges in focus stay sharp (`smooth_bands`).
 
 **The samples' own mean is right on average.** It is noisy, but not in the mean over many pixels. Where the
 image differs from it by more than its noise explains, because samples missed what is hidden at the image's
@@ -30,8 +30,11 @@ __all__ = ["SampleMean", "correct", "sample_mean", "smooth_bands"]
 Float32 = npt.NDArray[np.float32]
 
 _TAPS = 3.0  # standard deviations that a Gaussian reaches
+_MOST_SMOOTHING = 0.1  # widths of smoothing in radii of the circle of confusion
 _POOL = 2.0  # width of what is judged together, in widths of the correction
-_NOISE = 0.7  # share of its expected noise by which a difference is reduced
+_LEAST_NOISE = 1.0  # in units of the image's median: pixels of less weigh no more
+_BEARABLE = 0.15  # noise in shares of the radiance that is as bad as what it may correct
+_NOISE = 0.5  # share of its expected noise by which a difference is reduced
 _NEAR = 1.0  # pixels: standard deviation of the neighbourhood that tells the noise of single samples
 _CHUNK = 2**19  # samples that are averaged at a time
 
@@ -78,7 +81,7 @@ def smooth_bands(bands: Float32, starts: tuple[float, ...], along_lens: float) -
         sums = bands[:, :, band]
         own = sums[..., 3:]
         weight += own
-        sigma = along_lens * start
+        sigma = min(along_lens, _MOST_SMOOTHING) * start
         if sigma < 0.1 or not own.any():
             radiance += sums[..., :3]
             continue
@@ -94,7 +97,7 @@ def correct(image: Image, samples: SampleMean, sigma: float) -> Image:
     """Add what the samples' own mean differs by, smoothed, as far as its noise does not explain that.
 
     The difference is reduced after James and Stein: by the share of its square that noise is expected to
-    make, both taken in the mean over the neighbourhood.
+    make, both taken in the mean over the neighbourhood; and where that noise would be seen, by how much.
 
     Parameters
     ----------
@@ -109,17 +112,42 @@ def correct(image: Image, samples: SampleMean, sigma: float) -> Image:
     ndarray of float32, (H, W, 3)
         Not negative where `image` is not.
     """
-    known = samples.known[..., None]
-    seen = gaussian_blur(known, sigma)
-    reciprocal = np.divide(1, seen, out=np.zeros_like(seen), where=seen > 0)
-    difference = gaussian_blur(known * (samples.mean - image), sigma) * reciprocal
-    noise = gaussian_blur(known * samples.variance[..., None], sigma, squared=True) * reciprocal**2
-    both = np.concatenate([np.square(difference).sum(axis=-1, keepdims=True), noise], axis=-1)
-    square, expected = np.split(gaussian_blur(both, _POOL * sigma), 2, axis=-1)
+    trust = _trust(samples, sigma)
+    total = gaussian_blur(trust, sigma)
+    reciprocal = np.divide(1, total, out=np.zeros_like(total), where=total > 0)
+    difference = gaussian_blur(trust * (samples.mean - image), sigma) * reciprocal
+    variance = samples.variance[..., None]
+    noise = gaussian_blur(np.square(trust) * variance, sigma, squared=True) * np.square(reciprocal)
+    energies = [np.square(each).sum(axis=-1, keepdims=True) for each in (difference, image)]
+    pooled = gaussian_blur(np.concatenate([*energies, noise], axis=-1), _POOL * sigma)
+    square, light, expected = np.split(pooled, 3, axis=-1)
     share = 1 - _NOISE * np.divide(expected, square, out=np.ones_like(square), where=square > 0)
+    bearable = _BEARABLE**2 * light
+    share *= np.divide(bearable, bearable + expected, out=np.zeros_like(light), where=bearable > 0)
     corrected = image + np.maximum(share, 0) * difference
     result: Image = np.maximum(corrected, np.minimum(image, 0)).astype(np.float32)
     return result
+
+
+def _trust(samples: SampleMean, sigma: float) -> Float32:
+    """Weigh pixels (H, W, 1) by how little noise there is around them, lest lights spill over what is dark.
+
+    A pixel's own variance would not do: it is large where a light happened to be hit, and pixels without a
+    hit would outweigh it.
+    """
+    known = samples.known[..., None]
+    noise = _pooled_variance(samples, sigma)
+    least = _LEAST_NOISE * float(np.median(noise[known > 0])) if known.any() else 0.0
+    weight: Float32 = np.divide(known, noise + least, out=known.copy(), where=noise + least > 0)
+    return weight / max(float(weight.max()), 1e-30)
+
+
+def _pooled_variance(samples: SampleMean, sigma: float) -> Float32:
+    """Average the variance (H, W, 1) over a neighbourhood: where chance spared a light, a pixel has none."""
+    known = samples.known[..., None]
+    around = gaussian_blur(known, sigma)
+    total = gaussian_blur(known * samples.variance[..., None], sigma)
+    return np.divide(total, around, out=np.zeros_like(around), where=around > 0)
 
 
 def sample_mean(
