@@ -44,6 +44,8 @@ class Render(Command):
         Depth of the focal plane in scene units; the 'thinlens' sensor's own unless given.
     shading_spp
         Light paths averaged into each sample: raise it where the light is hard to sample.
+    bandwidth
+        Store how far over the lens each radiance holds: for glossy surfaces, and the method 'temporal'.
     max_depth
         Longest light path, in bounces plus one; replaces the scene's integrator by a path tracer.
     background_depth
@@ -73,6 +75,7 @@ class Render(Command):
     lens_radius: float | None = None
     focus_distance: float | None = None
     shading_spp: int = 16
+    bandwidth: bool = False
     max_depth: int | None = None
     background_depth: float | None = None
     sensor: int = 0

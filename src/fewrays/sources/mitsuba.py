@@ -10,7 +10,8 @@ integrator how much light comes back:
 4. ``integrator.sample``: radiance, the mean of `shading_spp` light paths along that same ray.
 
 Moving scenes go through steps 2 to 4 once for each slice of the shutter interval; see
-`fewrays.sources.mitsuba_motion`.
+`fewrays.sources.mitsuba_motion`. How far over the lens a sample's radiance holds is read off the roughness of
+what it hit; see `fewrays.sources.mitsuba_gloss`.
 
 Camera space follows Mitsuba: x to the *left* of the image, y up, z forward. With image coordinates x right
 and y down, both change sign, for lens positions as for directions.
@@ -34,6 +35,7 @@ from fewrays.lens import Aperture, Lens, Sampling
 from fewrays.parallel import progress_bar
 from fewrays.samples import SampleBuffer
 from fewrays.sources.llvm import find_llvm
+from fewrays.sources.mitsuba_gloss import Gloss
 from fewrays.sources.mitsuba_motion import MovingShapes
 from fewrays.sources.patterns import check_size, sample_pattern, sample_times
 
@@ -68,6 +70,7 @@ def render(
     background_depth: float | None = None,
     motion: Mapping[str, Any] | None = None,
     time_slices: int = 64,
+    bandwidth: bool = False,
     sensor: int = 0,
     variant: str | None = None,
     progress: bool = False,
@@ -111,6 +114,9 @@ def render(
     time_slices : int
         In how many instants the moving shapes are shown; each sample is traced in the one nearest to its
         time, and is given that instant's time. Take more if something travels over more pixels than this.
+    bandwidth : bool
+        Store how far over the lens each sample's radiance holds, from the roughness of what it hit: for the
+        *temporal* method, which then keeps the highlights of glossy things sharp where they are defocused.
     sensor : int
         Which of the scene's sensors to use.
     variant : {"llvm_ad_rgb", "cuda_ad_rgb"}, optional
@@ -122,7 +128,7 @@ def render(
     -------
     SampleBuffer
         With `spp` samples per pixel, each in its own pixel's place. With times and motion vectors if
-        something moves.
+        something moves, and with bandwidths if asked for.
 
     Raises
     ------
@@ -149,10 +155,13 @@ def render(
             shading_spp=shading_spp,
             background_depth=_choose_background(loaded, camera, background_depth, moving),
             moving=moving,
+            gloss=Gloss(mi, camera.lens_radius) if bandwidth else None,
         )
         shape = xy.shape[:3]
         times = None if moving is None else _slice_times(camera, spp, seed, time_slices)
-        depth, color, change = tracer.trace(xy.reshape(-1, 2), uv.reshape(-1, 2), times, seed, progress)
+        depth, color, change, holds = tracer.trace(
+            xy.reshape(-1, 2), uv.reshape(-1, 2), times, seed, progress
+        )
     return SampleBuffer(
         xy,
         uv,
@@ -161,6 +170,7 @@ def render(
         lens,
         time=None if times is None else times.reshape(shape),
         motion=None if change is None else change.reshape(*shape, 3),
+        bandwidth=None if holds is None else holds.reshape(shape),
     )
 
 
@@ -337,30 +347,34 @@ class _Tracer:
     shading_spp: int
     background_depth: float
     moving: MovingShapes | None
+    gloss: Gloss | None
 
     def trace(
         self, xy: Float32, uv: Float32, times: Float32 | None, seed: int, progress: bool
-    ) -> tuple[Float32, Float32, Float32 | None]:
-        """Return depths (N,), radiances (N, 3) and motions (N, 3) of samples at `xy` and `uv`, both (N, 2).
+    ) -> tuple[Float32, Float32, Float32 | None, Float32 | None]:
+        """Return depths (N,), radiances (N, 3), motions (N, 3) and bandwidths (N,) of samples.
 
-        `times` (N,) come with moving shapes, and are few different ones. Still scenes have no motions.
+        They are at `xy` and `uv`, both (N, 2). `times` (N,) come with moving shapes, and are few different
+        ones. Still scenes have no motions; bandwidths are only there if `gloss` is.
         """
         import drjit as dr
 
         count = len(xy)
         depth, color = np.empty(count, np.float32), np.empty((count, 3), np.float32)
         change = None if self.moving is None else np.empty((count, 3), np.float32)
+        holds = None if self.gloss is None else np.empty(count, np.float32)
         posing = contextlib.nullcontext() if self.moving is None else self.moving.posing()
         with posing, progress_bar(count, "render", show=progress, unit="sample") as bar:
             for part, entropy in self._parts(count, times):
-                depth[part], color[part], moved = self._trace_batch(xy[part], uv[part], [seed, *entropy])
-                if change is not None:
-                    change[part] = moved
+                batch = self._trace_batch(xy[part], uv[part], [seed, *entropy])
+                for whole, values in zip((depth, color, change, holds), batch, strict=True):
+                    if whole is not None:
+                        whole[part] = values
                 bar.update(len(depth[part]))
         # Dr.Jit keeps its memory, and work that is still queued when the interpreter ends can crash it.
         dr.sync_thread()
         dr.flush_malloc_cache()
-        return depth, color, change
+        return depth, color, change, holds
 
     def _parts(
         self, count: int, times: Float32 | None
@@ -380,7 +394,7 @@ class _Tracer:
 
     def _trace_batch(
         self, xy: Float32, uv: Float32, entropy: Sequence[int]
-    ) -> tuple[Float32, Float32, Float32 | None]:
+    ) -> tuple[Float32, Float32, Float32 | None, Float32 | None]:
         import drjit as dr
 
         mi, camera = self.mi, self.camera
@@ -405,7 +419,8 @@ class _Tracer:
         dr.eval(depth, radiance, hit)  # or else block_sum would trace all paths once for each channel
         mean = dr.block_sum(radiance, self.shading_spp) / self.shading_spp
         change = None if self.moving is None else camera.screen_motion(self.moving.displacement(hit, ray))
-        return depth.numpy(), mean.numpy().T, change
+        holds = None if self.gloss is None else self.gloss.bandwidth(hit, ray, depth.numpy())
+        return depth.numpy(), mean.numpy().T, change, holds
 
 
 def _film(
