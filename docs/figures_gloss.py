@@ -11,6 +11,7 @@ pixels that show nothing but metal.
 
 from __future__ import annotations
 
+import importlib
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -39,9 +40,8 @@ def render(width: int, height: int, reference_spp: int) -> tuple[SampleBuffer, I
     import mitsuba as mi
 
     from render import accumulate_reference
-    from scenes import gloss
 
-    scene = mi.load_dict(gloss.scene(width, height))
+    scene = mi.load_dict(importlib.import_module("scenes.gloss").scene(width, height))
     samples = source.render(scene, spp=_SPP, shading_spp=_SHADING_SPP, bandwidth=True)
     accumulator = accumulate_reference(
         scene,
