@@ -150,23 +150,27 @@ float crossing_of(const Sights& s, std::ptrdiff_t a, std::ptrdiff_t b, const Sur
 struct Next {
     float slope;         // infinite if there is none
     std::int32_t index;  // of the sample
-    bool alone;          // whether no other has this slope
-    bool crosses;        // whether it crosses one of those in front
+    bool crosses;        // whether it, or another of its slope, crosses one of those in front
 };
 
-// Of the samples within a distance that have a slope, the first by x, then by y.
-std::int32_t first_of_slope(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
-                            float slope) {
-    std::int32_t best = -1;
-    for (int row = 0; row < row_count; ++row)
-        for (std::int32_t i = rows[row].first; i < rows[row].end; ++i) {
-            const float dx = sights.x[i] - place.x, dy = sights.y[i] - place.y;
-            if (sights.slope[i] != slope || dx * dx + dy * dy > place.radius * place.radius) continue;
-            const bool before = best < 0 || sights.x[i] < sights.x[best] ||
-                                (sights.x[i] == sights.x[best] && sights.y[i] < sights.y[best]);
-            if (before) best = i;
-        }
-    return best;
+// Whether any of the samples within a distance that have a slope crosses one of those up to another slope.
+bool any_crosses(const Sights& sights, const SightRow* rows, int row_count, const Place& place, float farthest,
+                 float slope, const SurfaceRule& rule) {
+    const auto within = [&](std::int32_t i) {
+        const float dx = sights.x[i] - place.x, dy = sights.y[i] - place.y;
+        return dx * dx + dy * dy <= place.radius * place.radius;
+    };
+    const auto any = [&](auto&& holds) {
+        for (int row = 0; row < row_count; ++row)
+            for (std::int32_t i = rows[row].first; i < rows[row].end; ++i)
+                if (holds(i)) return true;
+        return false;
+    };
+    return any([&](std::int32_t i) {
+        return sights.slope[i] == slope && within(i) && any([&](std::int32_t j) {
+                   return sights.slope[j] <= farthest && within(j) && crossing_of(sights, i, j, rule) > rule.tolerance;
+               });
+    });
 }
 
 template <bool moving>
@@ -192,10 +196,14 @@ FEWRAYS_INLINE Next find_next(const Sights& sights, const SightRow* rows, int ro
     int nearest = 0;
     for (int lane = 1; lane < lanes; ++lane)
         if (best[lane] < best[nearest]) nearest = lane;
-    Next next{best[nearest], which[nearest], equals[nearest] == 0.0f, false};
+    Next next{best[nearest], which[nearest], false};
     if (!(next.slope < infinity)) return next;
-    for (int lane = 0; lane < lanes; ++lane) next.alone &= lane == nearest || best[lane] != next.slope;
-    if (!next.alone) next.index = first_of_slope(sights, rows, row_count, place, next.slope);
+    bool alone = equals[nearest] == 0.0f;
+    for (int lane = 0; lane < lanes; ++lane) alone &= lane == nearest || best[lane] != next.slope;
+    if (!alone) {
+        next.crosses = any_crosses(sights, rows, row_count, place, farthest, next.slope, rule);
+        return next;
+    }
 
     const float x = sights.x[next.index], y = sights.y[next.index];
     for (int row = 0; row < row_count; ++row)
@@ -264,7 +272,6 @@ float end_of_surface(const Sights& sights, const SightRow* rows, int row_count, 
     for (int step = 0; step < steps; ++step) {
         const Next next = find(sights, rows, row_count, place, farthest, rule);
         if (next.crosses || !(next.slope < infinity)) return farthest;
-        if (!next.alone) return -infinity;
         farthest = next.slope;
     }
     return -infinity;
@@ -371,7 +378,7 @@ Surfaces::Verdict Surfaces::front_surface(float* seen) {
         counter = &statistics_.single;
     else if (fills_quadrants())
         counter = &statistics_.quadrants;
-    else if (covers())
+    else if (covers(true))
         counter = &statistics_.covered;
     else
         return Verdict::several;
@@ -401,7 +408,7 @@ void Surfaces::choose(float radius, float* seen) {
             ++statistics_.merged;
             continue;
         }
-        if (last || covers()) {
+        if (last || covers(false)) {
             ++(last ? statistics_.last : statistics_.covered);
             return filter(radius, seen);
         }
@@ -409,7 +416,8 @@ void Surfaces::choose(float radius, float* seen) {
     }
 }
 
-// Takes the frontmost samples that are left, as long as each crosses none of those taken (Figure 7).
+// Takes the frontmost samples that are left, as long as each crosses none of those taken (Figure 7). Those of equal
+// slope are one surface, whatever their speed.
 void Surfaces::next_surface() {
     Sights left = sights_;
     left.slope = depth_.data();
@@ -436,20 +444,28 @@ void Surfaces::next_surface() {
         if (sights_.slope[a] != sights_.slope[b]) return sights_.slope[a] < sights_.slope[b];
         return sights_.x[a] != sights_.x[b] ? sights_.x[a] < sights_.x[b] : sights_.y[a] < sights_.y[b];
     });
-    const auto fits = [&](std::vector<int>::iterator sample) {
-        return std::all_of(order_.begin(), sample,
-                           [&](int other) { return crossing_of(sights_, *sample, other, rule_) <= rule_.tolerance; });
+    // Samples of equal slope join together or not at all.
+    const auto fits = [&](int sample, std::vector<int>::iterator end) {
+        return std::all_of(order_.begin(), end,
+                           [&](int other) { return crossing_of(sights_, sample, other, rule_) <= rule_.tolerance; });
     };
-    for (auto sample = order_.begin(); sample != order_.end() && fits(sample); ++sample) {
-        surface_.push_back(*sample);
-        depth_[*sample] = taken;
-        --left_;
+    for (auto first = order_.begin(); first != order_.end();) {
+        const auto end =
+            std::find_if(first, order_.end(), [&](int i) { return sights_.slope[i] != sights_.slope[*first]; });
+        if (!std::all_of(first, end, [&](int sample) { return fits(sample, first); })) return;
+        for (; first != end; ++first) {
+            surface_.push_back(*first);
+            depth_[*first] = taken;
+            --left_;
+        }
     }
 }
 
 // Whether a triangle of samples holds the location: no edge longer than 2R, and a corner within R. A surface reaches
-// farther than its outermost samples: they are moved towards the location by what it juts out on average.
-bool Surfaces::covers() {
+// farther than its outermost samples: they are moved towards the location by what it juts out on average. Of samples
+// that all lie within R no edge is longer, and wherever they surround the location, every one of them is the corner of
+// a triangle that holds it.
+bool Surfaces::covers(bool all_within_radius) {
     move_towards_location();
     const auto n = static_cast<int>(surface_.size());
     if (on_one_side(n)) return false;
@@ -457,6 +473,7 @@ bool Surfaces::covers() {
     int corners = 0;  // those within R come first: one of them is a corner
     for (int i = 0; i < n; ++i)
         if (ring_x_[i] * ring_x_[i] + ring_y_[i] * ring_y_[i] <= radius2) {
+            if (all_within_radius) return true;
             std::swap(ring_x_[i], ring_x_[corners]);
             std::swap(ring_y_[i], ring_y_[corners++]);
         }

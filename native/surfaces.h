@@ -115,7 +115,7 @@ private:
     void choose(float radius, float* seen);
     void begin_surfaces();
     void next_surface();
-    bool covers();
+    bool covers(bool all_within_radius);
     bool fills_quadrants() const;
     bool on_one_side(int n) const;
     void move_towards_location();

@@ -48,7 +48,7 @@ def test_every_method_is_compared_under_its_own_pixel_filter(load_module: Any) -
     contenders = load_module("contenders")
     methods = importlib.import_module("fewrays").METHODS
     filters = {name: contenders.pixel_filter_of(name) for name in (*methods, contenders.DENOISER)}
-    assert filters.pop("box") == filters.pop(contenders.DENOISER) == "box"
+    assert {filters.pop(name) for name in ("box", "temporal", contenders.DENOISER)} == {"box"}
     assert set(filters.values()) == {"gaussian"}
 
 
@@ -253,3 +253,86 @@ def test_large_renders_of_a_scene_come_before_small_ones(load_module: Any, tmp_p
 def test_extra_memory_is_that_of_the_call(load_module: Any) -> None:
     measured = load_module("memory").extra_memory(lambda: np.ones(2**23))
     assert measured == pytest.approx(64, abs=16)  # sanitizers keep a shadow of an eighth
+
+
+@pytest.mark.parametrize(("gain", "verdict"), [(10.4, "Met"), (9.9, "Missed")])
+def test_the_gain_over_averaging_is_judged_at_16_spp_and_128_locations(
+    load_module: Any, gain: float, verdict: str
+) -> None:
+    counts, score = load_module("temporal_counts"), load_module("scores").Score
+    averages = [dict.fromkeys(counts.BASELINES, score(psnr, psnr)) for psnr in (20.0, 25.0)]
+    few = counts.Counts(8, averages[0], {128: score(40.0, 40.0)})
+    many = counts.Counts(16, averages[1], {64: score(0.0, 0.0), 128: score(25 + gain, 60.0)})
+    text = "\n".join(counts.section([few, many], (4, 8, 16), (128,)))
+    assert f"**{verdict}**: {gain:+.2f} dB" in text
+    assert "missing: 4 spp" in text
+    assert "butterflies --spp 4 --aperture disc" in text
+    assert "Not measured" in counts.verdict(None)
+
+
+@pytest.mark.parametrize(
+    ("psnr", "flip", "verdict"), [(38.0, 0.04, "Met"), (37.0, 0.04, "Missed"), (38.0, 0.06, "Missed")]
+)
+def test_beating_the_denoiser_takes_psnr_and_flip(
+    load_module: Any, psnr: float, flip: float, verdict: str
+) -> None:
+    peers, score = load_module("temporal_peers"), load_module("scores").Score
+    image = np.zeros((2, 2, 3), np.float32)
+    ours = peers.Compared("foliage", 16, "temporal", image, score(psnr, psnr), flip)
+    theirs = peers.Compared("foliage", 16, "Open Image Denoise", image, score(36.0, 36.0), 0.05)
+    assert f"**{verdict}**" in peers.verdict(ours, theirs)
+
+
+def test_time_per_location_leaves_out_the_hierarchy_and_judges_foliage_only(load_module: Any) -> None:
+    cost, timing = load_module("temporal_cost"), load_module("timing").Timing
+    simple = cost.simple_scene(16, 16, 2)
+
+    def of(name: str, judged: bool, views: float, tree_bytes: int) -> Any:
+        work = cost.Workload(name, simple.samples, judged=judged)
+        seconds = [timing([s], [s]) for s in (0.5, views, 3.0, 1.0)]
+        return cost.Cost(work, 10**6, *seconds, tree_bytes, 10.0)
+
+    samples = simple.samples.depth.size
+    fast, slow = of("foliage", True, 0.75, 10 * samples), of("moving", False, 1.0, 40 * samples)
+    assert (fast.microseconds, slow.microseconds) == (pytest.approx(0.25), pytest.approx(0.5))
+    assert fast.bytes_per_sample == (32, 10)
+    text = cost.verdict([fast, slow])
+    assert "on foliage. **Met**; above it: moving (0.50)" in text
+    assert "**Missed** on moving (72)" in text
+    assert "**Missed**; above it: foliage" in cost.verdict([of("foliage", True, 1.0, 0)])
+
+
+def test_discs_keep_their_size_and_shrink_without_overhang(load_module: Any) -> None:
+    edges = load_module("temporal_edges")
+    (outline,) = edges.measure_outlines(edges.CASES[1:2], [8])
+    assert abs(outline.outside) < edges.TARGET
+    assert outline.bare < outline.outside - 0.05
+    assert outline.off >= abs(outline.outside)
+    assert "**Met** on all discs" in edges.verdict([outline])
+
+
+def test_missing_renders_through_the_disc_name_the_command(load_module: Any, tmp_path: Path) -> None:
+    scenes = load_module("disc_scenes")
+    (tmp_path / "serpent_disc_8spp.npz").touch()
+    assert scenes.rendered(tmp_path, ["serpent"], 8) == []
+    (tmp_path / "serpent_disc_reference.json").touch()
+    assert scenes.rendered(tmp_path, ["serpent", "citadel"], 8) == ["serpent"]
+    with pytest.raises(SystemExit, match=r"serpent --spp 4 .*--aperture disc"):
+        scenes.load_disc_scene(tmp_path, "serpent", 4)
+
+
+def test_without_the_overhang_the_rule_has_none_and_gets_it_back(load_module: Any) -> None:
+    gains = load_module("temporal_gains")
+    plan = importlib.import_module("fewrays.temporal.plan")
+    before = plan._OVERHANG
+    samples = load_module("temporal_cost").simple_scene(24, 24, 2).samples
+    truth = load_module("example_renders").Reference(np.zeros((24, 24, 3), np.float32), 1, 90.0)
+    scene = load_module("disc_scenes").DiscScene("leaves", samples, {"box": truth})
+    scores = gains.measure_gains(
+        [scene], [gains.Variant("as it is"), gains.Variant("none", overhang=False), gains.Variant("again")]
+    )
+    assert scores["as it is"] == scores["again"] != scores["none"]
+    assert plan._OVERHANG == before > 0
+    text = "\n".join(gains.section([scene], scores))
+    assert "| again " in text
+    assert "(+0.00)" in text

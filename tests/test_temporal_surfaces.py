@@ -89,14 +89,15 @@ class TestCrossings:
 
 
 def literally_grouped(sights: Sights) -> list[list[int]]:
-    """Figure 7, line by line."""
+    """Figure 7, line by line; samples of one slope take their turn together."""
     order = sorted(range(sights.count), key=lambda i: (sights.slope[i], *sights.xy[i]))
     crosses = crossings(sights, RULE) > RULE.tolerance
     surfaces: list[list[int]] = [[]]
-    for sample in order:
-        if any(crosses[sample, other] for other in surfaces[-1]):
+    for _, alike in itertools.groupby(order, key=lambda i: sights.slope[i]):
+        samples = list(alike)
+        if any(crosses[sample, other] for sample in samples for other in surfaces[-1]):
             surfaces.append([])
-        surfaces[-1].append(sample)
+        surfaces[-1] += samples
     return surfaces
 
 

@@ -176,8 +176,8 @@ def group_into_surfaces(sights: Sights, rule: SurfaceRule) -> list[Sights]:
     """Tell samples apart into surfaces, front to back (Figure 7).
 
     In order of slope each sample joins the surface at hand, unless it crosses one of its samples: then it is
-    the first of the next. Those of equal slope go by x, then by y, so that their order in the buffer does not
-    matter.
+    the first of the next. Samples of equal slope, such as those of a plane parallel to the image, belong
+    together: all of them join, or none.
 
     Parameters
     ----------
@@ -191,13 +191,15 @@ def group_into_surfaces(sights: Sights, rule: SurfaceRule) -> list[Sights]:
     list of Sights
     """
     ordered = sights.take(np.lexsort([sights.xy[:, 1], sights.xy[:, 0], sights.slope]))
+    alike = np.flatnonzero(np.diff(ordered.slope, prepend=-np.inf))  # where samples of another slope begin
     crosses = np.tril(crossings(ordered, rule) > rule.tolerance)
-    # For each sample the last one in front of it that it crosses, or -1.
+    crosses &= ordered.slope[:, None] != ordered.slope
+    # For each sample the last one in front of it that it crosses, or -1; then for all of its slope.
     last_crossed = np.where(crosses, np.arange(ordered.count), -1).max(axis=1)
     starts = [0]
-    for sample in range(ordered.count):
-        if last_crossed[sample] >= starts[-1]:
-            starts.append(sample)
+    for first, crossed in zip(alike, np.maximum.reduceat(last_crossed, alike), strict=True):
+        if crossed >= starts[-1]:
+            starts.append(int(first))
     return [ordered.take(slice(*ends)) for ends in itertools.pairwise([*starts, ordered.count])]
 
 
