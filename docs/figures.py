@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 import subprocess
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -1290,10 +1290,15 @@ def main(names: tuple[str, ...] = (), /) -> None:
     names
         Names of parts; all when omitted.
     """
+    make(PARTS, names)
+
+
+def make(parts: Mapping[str, Callable[[], None]], names: Sequence[str] = ()) -> None:
+    """Run the parts of those names, or all, and print how long each takes."""
     print(f"commit {commit()}")
-    for name in names or PARTS:
+    for name in names or parts:
         start = time.perf_counter()
-        PARTS[name]()
+        parts[name]()
         print(f"({name}: {time.perf_counter() - start:.0f} s)")
 
 

@@ -13,7 +13,6 @@ after clip to [0, 1] and gamma 2.2. Borders, where samples are missing, are not 
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -56,10 +55,10 @@ from figures import (
     Floats,
     Plot,
     at_slope,
-    commit,
     difference,
     enlarge,
     leaves,
+    make,
     make_lens,
     print_table,
     quality,
@@ -364,11 +363,7 @@ def main(names: tuple[str, ...] = (), /) -> None:
     names
         Names of parts; all when omitted.
     """
-    print(f"commit {commit()}")
-    for name in names or PARTS:
-        start = time.perf_counter()
-        PARTS[name]()
-        print(f"({name}: {time.perf_counter() - start:.0f} s)")
+    make(PARTS, names)
 
 
 if __name__ == "__main__":

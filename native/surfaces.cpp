@@ -50,14 +50,14 @@ struct Place {
     float x, y, radius, tent;
 };
 
-// The range of slopes within R, and by how much any two samples might cross at most.
+// The range of slopes within R, up to one, and by how much any two samples might cross at most.
 struct Range {
     float least, most, spread;
 };
 
 template <bool moving>
 FEWRAYS_INLINE Range find_range(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
-                                const SurfaceRule& rule) {
+                                float farthest, const SurfaceRule& rule) {
     Span slopes, speeds_x, speeds_y;
     const float radius2 = place.radius * place.radius, at_x = place.x, at_y = place.y;
     for (int row = 0; row < row_count; ++row)
@@ -65,8 +65,9 @@ FEWRAYS_INLINE Range find_range(const Sights& sights, const SightRow* rows, int 
             const std::int32_t left = rows[row].end - first;
             for (int lane = 0; lane < lanes; ++lane) {
                 const float dx = sights.x[first + lane] - at_x, dy = sights.y[first + lane] - at_y;
-                const bool wanted = (dx * dx + dy * dy <= radius2) & (lane < left);
-                slopes.include(lane, wanted, sights.slope[first + lane]);
+                const float c = sights.slope[first + lane];
+                const bool wanted = (dx * dx + dy * dy <= radius2) & (lane < left) & (c <= farthest);
+                slopes.include(lane, wanted, c);
                 if constexpr (moving) {
                     speeds_x.include(lane, wanted, sights.speed_x[first + lane]);
                     speeds_y.include(lane, wanted, sights.speed_y[first + lane]);
@@ -79,12 +80,12 @@ FEWRAYS_INLINE Range find_range(const Sights& sights, const SightRow* rows, int 
 }
 
 FEWRAYS_CLONES Range range_of_still(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
-                                    const SurfaceRule& rule) {
-    return find_range<false>(sights, rows, row_count, place, rule);
+                                    float farthest, const SurfaceRule& rule) {
+    return find_range<false>(sights, rows, row_count, place, farthest, rule);
 }
 FEWRAYS_CLONES Range range_of_moving(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
-                                     const SurfaceRule& rule) {
-    return find_range<true>(sights, rows, row_count, place, rule);
+                                     float farthest, const SurfaceRule& rule) {
+    return find_range<true>(sights, rows, row_count, place, farthest, rule);
 }
 
 // The samples within R up to a slope: the quadrants that they fill, as bits, and sums under the tent.
@@ -240,24 +241,6 @@ FEWRAYS_CLONES Next next_moving(const Sights& sights, const SightRow* rows, int 
     return find_next<true>(sights, rows, row_count, place, farthest, rule);
 }
 
-// By how much samples up to a slope might cross, at most, for what moves.
-FEWRAYS_CLONES float spread_of_moving(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
-                                      float farthest, const SurfaceRule& rule) {
-    Span slopes, speeds_x, speeds_y;
-    const float radius2 = place.radius * place.radius;
-    for (int row = 0; row < row_count; ++row)
-        for (std::int32_t first = rows[row].first; first < rows[row].end; first += lanes)
-            for (int lane = 0; lane < lanes; ++lane) {
-                const float dx = sights.x[first + lane] - place.x, dy = sights.y[first + lane] - place.y;
-                const float c = sights.slope[first + lane];
-                const bool in_front = (dx * dx + dy * dy <= radius2) & (lane < rows[row].end - first) & (c <= farthest);
-                slopes.include(lane, in_front, c);
-                speeds_x.include(lane, in_front, sights.speed_x[first + lane]);
-                speeds_y.include(lane, in_front, sights.speed_y[first + lane]);
-            }
-    return slopes.width() * rule.along_lens + greater(speeds_x.width(), speeds_y.width()) * rule.along_time;
-}
-
 constexpr int steps_at_a_glance = 2, most_steps = 12;  // samples that join one by one before all are put in order
 
 // How far back the surface reaches whose nearest sample has the slope `least` (Figure 7): samples of nearly that slope
@@ -266,7 +249,7 @@ constexpr int steps_at_a_glance = 2, most_steps = 12;  // samples that join one 
 float end_of_surface(const Sights& sights, const SightRow* rows, int row_count, const Place& place, float least,
                      int steps, const SurfaceRule& rule) {
     float farthest = least + 0.999f * rule.tolerance / rule.along_lens;
-    if (sights.speed_x && spread_of_moving(sights, rows, row_count, place, farthest, rule) > rule.tolerance)
+    if (sights.speed_x && range_of_moving(sights, rows, row_count, place, farthest, rule).spread > rule.tolerance)
         return -infinity;
     const auto find = sights.speed_x ? next_moving : next_still;
     for (int step = 0; step < steps; ++step) {
@@ -342,13 +325,12 @@ Sights Crowd::sights() const {
     return sights;
 }
 
-// The usual cases: one surface, or a front one that fills all four quadrants around the location. A surface is taken at
-// a glance to be all samples that differ little in slope; it is that if the next sample behind crosses one of them
-// (Figure 7).
+// The usual cases: one surface, or a front one that fills all four quadrants around the location.
 Surfaces::Verdict Surfaces::glance(const Sights& sights, const SightRow* rows, int row_count, float x, float y,
                                    float* seen) {
     const Place place{x, y, rule_.radius, rule_.tent * rule_.radius};
-    const Range range = (sights.speed_x ? range_of_moving : range_of_still)(sights, rows, row_count, place, rule_);
+    const Range range =
+        (sights.speed_x ? range_of_moving : range_of_still)(sights, rows, row_count, place, infinity, rule_);
     if (range.least == infinity) return Verdict::nothing;
     if (rule_.tent == 0) return Verdict::several;  // for whom which sample is nearest matters
     const float farthest = range.spread <= rule_.tolerance
@@ -508,7 +490,7 @@ void Surfaces::move_towards_location() {
 bool Surfaces::fills_quadrants() const {
     int quadrants = 0;
     for (int i : surface_) quadrants |= 1 << ((sights_.x[i] >= 0) + 2 * (sights_.y[i] >= 0));
-    return quadrants == 15;
+    return quadrants == all_quadrants;
 }
 
 // Whether a line through the location has all of the surface on one side: then no triangle holds it.

@@ -24,7 +24,7 @@ public:
 
     bool moving() const { return tree_.field().motion != nullptr; }
     bool glossy() const { return tree_.field().bandwidth != nullptr; }
-    // Paths: x, y and the slope of what is still; x, y, w, their changes and the least w of what moves. Then red, green
+    // Paths: x, y and the slope of what is still; x, y, w, their changes and c0 of what moves. Then red, green
     // and blue, and the lens point and bandwidth of what is glossy.
     const float* field(int number) const { return fields_[number].data(); }
     int color_field() const { return moving() ? 7 : 3; }

@@ -21,17 +21,6 @@ EYE, TARGET, UP = [0.4, 0.9, -2.0], [0.1, 0.2, 1.0], [0.1, 1.0, 0.2]
 WIDTH, HEIGHT = 40, 28
 
 
-@pytest.fixture(scope="module")
-def mi() -> ModuleType:
-    """Mitsuba with a working variant; skips where there is none."""
-    module: ModuleType = pytest.importorskip("mitsuba", reason="Mitsuba is not installed")
-    try:
-        source.activate()
-    except SampleError as error:
-        pytest.skip(f"Mitsuba cannot run here: {error}")
-    return module
-
-
 def sensor(mi: ModuleType, kind: str = "thinlens", **changes: Any) -> dict[str, Any]:
     lens = {"aperture_radius": 0.15, "focus_distance": 2.5} if kind == "thinlens" else {}
     return {

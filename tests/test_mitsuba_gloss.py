@@ -9,24 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fewrays import SampleBuffer, SampleError
-from fewrays.sources import mitsuba as source
+from fewrays import SampleBuffer
 from fewrays.sources.mitsuba import render
 from fewrays.sources.mitsuba_gloss import LEAST_BANDWIDTH, REFRACTED, SHARE
 
 DEPTH, LENS_RADIUS = 2.0, 0.1
 ROUGH = {"type": "roughconductor", "distribution": "beckmann", "alpha": 0.02}
-
-
-@pytest.fixture(scope="module")
-def mi() -> ModuleType:
-    """Mitsuba with a working variant; skips where there is none."""
-    module: ModuleType = pytest.importorskip("mitsuba", reason="Mitsuba is not installed")
-    try:
-        source.activate()
-    except SampleError as error:
-        pytest.skip(f"Mitsuba cannot run here: {error}")
-    return module
 
 
 def world(mi: ModuleType, *, fov: float = 30.0, **parts: Any) -> dict[str, Any]:

@@ -22,17 +22,6 @@ OFFSET = (0.1, -0.07)  # of the principal point, in widths and heights, towards 
 Array = npt.NDArray[np.float64]
 
 
-@pytest.fixture(scope="module")
-def mi() -> ModuleType:
-    """Mitsuba with a working variant; skips where there is none."""
-    module: ModuleType = pytest.importorskip("mitsuba", reason="Mitsuba is not installed")
-    try:
-        source.activate()
-    except SampleError as error:
-        pytest.skip(f"Mitsuba cannot run here: {error}")
-    return module
-
-
 def world(mi: ModuleType, **parts: Any) -> dict[str, Any]:
     """Return a scene under one distant light, whose direct light is free of noise."""
     return {
