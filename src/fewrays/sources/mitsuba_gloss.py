@@ -26,6 +26,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from fewrays.sources.mitsuba_motion import registry_numbers
+
 __all__ = ["LEAST_BANDWIDTH", "REFRACTED", "SHARE", "Gloss"]
 
 SHARE = 0.5
@@ -88,13 +90,10 @@ class Gloss:
 
     def _alpha(self, hit: Any, ray: Any) -> npt.NDArray[np.float64]:
         """Return the roughness (N,) of what rays hit."""
-        import drjit as dr
-
         mi = self._mi
         # A preliminary hit of an instance does not name the shape inside, the full one does.
         bsdf = hit.compute_surface_interaction(ray, mi.RayFlags.Minimal, hit.is_valid()).bsdf()
-        registry = np.asarray(dr.reinterpret_array(mi.UInt32, bsdf), np.uint32).reshape(-1)
-        numbers, first, which = np.unique(registry, return_index=True, return_inverse=True)
+        numbers, first, which = np.unique(registry_numbers(mi, bsdf), return_index=True, return_inverse=True)
         for number, index in zip(numbers.tolist(), first.tolist(), strict=True):
             if number not in self._alphas:
                 self._alphas[number] = _least_alpha(mi, bsdf[index])

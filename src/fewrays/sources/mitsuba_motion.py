@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from fewrays.errors import SampleError
 
-__all__ = ["MovingShapes"]
+__all__ = ["MovingShapes", "registry_numbers"]
 
 Float64 = npt.NDArray[np.float64]
 UInt32 = npt.NDArray[np.uint32]
@@ -96,7 +96,7 @@ class MovingShapes:
         import drjit as dr
 
         mi = self._mi
-        owner = _registry(mi, dr.select(hit.instance != mi.ShapePtr(None), hit.instance, hit.shape))
+        owner = registry_numbers(mi, dr.select(hit.instance != mi.ShapePtr(None), hit.instance, hit.shape))
         owner = np.where(np.asarray(hit.is_valid()), owner, 0)
         travelled = np.zeros((len(owner), 3))
         for mover in self._movers:
@@ -133,7 +133,7 @@ class _MovingMesh(_Mover):
 
     def __init__(self, mi: ModuleType, shape: Any, parameters: Any, name: str, end: Float64) -> None:
         self._mi, self._name = mi, name
-        self.registry = int(_registry(mi, mi.ShapePtr(shape))[0])
+        self.registry = int(registry_numbers(mi, mi.ShapePtr(shape))[0])
         positions = f"{name}.vertex_positions"
         self._original = {positions: type(parameters[positions])(parameters[positions])}
         start = np.array(parameters[positions], np.float64).reshape(-1, 3)
@@ -194,7 +194,7 @@ class _MovingPose(_Mover):
 
     def __init__(self, mi: ModuleType, shape: Any, parameters: Any, name: str, end: Float64) -> None:
         self._mi, self._key = mi, f"{name}.to_world"
-        self.registry = int(_registry(mi, mi.ShapePtr(shape))[0])
+        self.registry = int(registry_numbers(mi, mi.ShapePtr(shape))[0])
         if end.shape != (4, 4):
             raise _bad(name, f"{shape.class_name()} has no vertices: give a transform (4 x 4)")
         linear = end[:3, :3]
@@ -270,8 +270,8 @@ def _end_of(name: str, end: Any) -> Float64:
     return value
 
 
-def _registry(mi: ModuleType, pointer: Any) -> UInt32:
-    """Return the numbers by which Dr.Jit tells shapes apart; 0 for none."""
+def registry_numbers(mi: ModuleType, pointer: Any) -> UInt32:
+    """Return the numbers by which Dr.Jit tells shapes, or BSDFs, apart; 0 for none."""
     import drjit as dr
 
     return np.asarray(dr.reinterpret_array(mi.UInt32, pointer), np.uint32).reshape(-1)
