@@ -8,7 +8,7 @@ from typing import Any, Literal, overload
 import numpy as np
 import numpy.typing as npt
 
-from fewrays import layered, layered_published, temporal
+from fewrays import layered, layered_published, multiplane, temporal
 from fewrays.baselines import axis_aligned, box, sheared
 from fewrays.errors import SampleError
 from fewrays.method import Image, Method, Reconstruction
@@ -21,6 +21,7 @@ METHODS: dict[str, Method] = {
     method.name: method
     for method in (
         layered.METHOD,
+        multiplane.METHOD,
         temporal.METHOD,
         layered_published.METHOD,
         layered_published.AXIS_ALIGNED_METHOD,
