@@ -27,7 +27,7 @@ Place seen_from_center(const LightField& field, std::int32_t i) {
     return {sight.x, sight.y};
 }
 
-int whole(float x) { return static_cast<int>(std::floor(x)); }
+int whole(float x) { return floor_to_int(x); }
 
 // The sums of what hits and passes the blocks of some rows of a plane.
 template <int cells>
@@ -70,8 +70,10 @@ public:
         splat(place, [&](std::size_t cell, float weight) { passes_[cell] += weight; });
     }
 
-    // Copies the sums of a rectangle of cells; 0 where there is no block. Sums of weights, of all, and of radiance.
-    void copy(int row, int column, int rows, int columns, float* hits, float* total, float* radiance) const;
+    // Copies the sums of a rectangle of cells; 0 where there is no block. Sums of weights, of all, and of radiance;
+    // `kept` is 1 where there is a block.
+    void copy(int row, int column, int rows, int columns, float* hits, float* total, float* radiance,
+              float* kept) const;
 
 private:
     int block_column(float x) const { return whole((x - static_cast<float>(plane_.left)) / block_columns); }
@@ -81,32 +83,42 @@ private:
                       static_cast<std::size_t>(column)];
     }
 
+    std::size_t cell(std::int32_t own, int row, int column) const {
+        return (static_cast<std::size_t>(own) * height + static_cast<std::size_t>(row)) * width +
+               static_cast<std::size_t>(column);
+    }
+
     // Shares a sample out among the four cells around it.
     template <typename Add>
     void splat(Place place, Add add) {
         const float x = (place.x - static_cast<float>(plane_.left)) * cells - 0.5f;
         const float y = (place.y - static_cast<float>(plane_.top)) * cells - 0.5f;
-        const int top_cell = first_row_ * height, bottom_cell = last_row_ * height;
-        if (!(x >= -1.0f && y >= static_cast<float>(top_cell - 1) && x < static_cast<float>(plane_.columns * width) &&
+        const int top_cell = first_row_ * height, bottom_cell = last_row_ * height, end = plane_.columns * width;
+        if (!(x >= -1.0f && y >= static_cast<float>(top_cell - 1) && x < static_cast<float>(end) &&
               y < static_cast<float>(bottom_cell)))
             return;
-        const int column = whole(x), row = whole(y);
+        const int column = floor_to_int(x), row = floor_to_int(y);
         const float right = x - static_cast<float>(column), down = y - static_cast<float>(row);
-        for (int j = 0; j < 2; ++j) {
-            const int cell_row = row + j;
-            if (cell_row < top_cell || cell_row >= bottom_cell) continue;
-            const float weight = j ? down : 1.0f - down;
-            for (int i = 0; i < 2; ++i) {
-                const int cell_column = column + i;
-                if (cell_column < 0 || cell_column >= plane_.columns * width) continue;
-                const std::int32_t own = block(cell_row / height, cell_column / width);
-                if (own < 0) continue;
-                const auto cell =
-                    (static_cast<std::size_t>(own) * height + static_cast<std::size_t>(cell_row % height)) * width +
-                    static_cast<std::size_t>(cell_column % width);
-                add(cell, weight * (i ? right : 1.0f - right));
-            }
+        const float above[2] = {(1.0f - down) * (1.0f - right), (1.0f - down) * right};
+        const float below[2] = {down * (1.0f - right), down * right};
+        const bool inside = column >= 0 && row >= top_cell && column % width < width - 1 && row % height < height - 1;
+        if (inside) {  // most samples touch one block
+            const std::int32_t own = block(row / height, column / width);
+            if (own < 0) return;
+            const std::size_t at = cell(own, row % height, column % width);
+            add(at, above[0]);
+            add(at + 1, above[1]);
+            add(at + width, below[0]);
+            add(at + width + 1, below[1]);
+            return;
         }
+        for (int j = 0; j < 2; ++j)
+            for (int i = 0; i < 2; ++i) {
+                const int to_row = row + j, to_column = column + i;
+                if (to_row < top_cell || to_row >= bottom_cell || to_column < 0 || to_column >= end) continue;
+                const std::int32_t own = block(to_row / height, to_column / width);
+                if (own >= 0) add(cell(own, to_row % height, to_column % width), (j ? below : above)[i]);
+            }
     }
 
     const DepthPlane& plane_;
@@ -116,12 +128,13 @@ private:
 };
 
 template <int cells>
-void Evidence<cells>::copy(int row, int column, int rows, int columns, float* hits, float* total,
-                           float* radiance) const {
+void Evidence<cells>::copy(int row, int column, int rows, int columns, float* hits, float* total, float* radiance,
+                           float* kept) const {
     const auto size = static_cast<std::size_t>(rows) * static_cast<std::size_t>(columns);
     std::fill(hits, hits + size, 0.0f);
     std::fill(total, total + size, 0.0f);
     std::fill(radiance, radiance + 3 * size, 0.0f);
+    std::fill(kept, kept + size, 0.0f);
     const int row_end = std::min(row + rows, last_row_ * height);
     const int column_begin = std::max(column, 0), column_end = std::min(column + columns, plane_.columns * width);
     for (int i = std::max(row, first_row_ * height); i < row_end; ++i) {
@@ -129,16 +142,15 @@ void Evidence<cells>::copy(int row, int column, int rows, int columns, float* hi
             const int end = std::min(column_end, (j / width + 1) * width);
             const std::int32_t own = block(i / height, j / width);
             if (own >= 0) {
-                const auto cell =
-                    (static_cast<std::size_t>(own) * height + static_cast<std::size_t>(i % height)) * width +
-                    static_cast<std::size_t>(j % width);
+                const std::size_t from = cell(own, i % height, j % width);
                 const std::size_t to = static_cast<std::size_t>(i - row) * static_cast<std::size_t>(columns) +
                                        static_cast<std::size_t>(j - column);
                 for (int k = 0; k < end - j; ++k) {
-                    const float* sums = hits_.data() + (cell + static_cast<std::size_t>(k)) * channels;
+                    const float* sums = hits_.data() + (from + static_cast<std::size_t>(k)) * channels;
                     const std::size_t at = to + static_cast<std::size_t>(k);
+                    kept[at] = 1.0f;
                     hits[at] = sums[0];
-                    total[at] = sums[0] + passes_[cell + static_cast<std::size_t>(k)];
+                    total[at] = sums[0] + passes_[from + static_cast<std::size_t>(k)];
                     for (std::size_t c = 0; c < 3; ++c) radiance[c * size + at] = sums[1 + c];
                 }
             }
@@ -231,30 +243,38 @@ void estimate(std::vector<Maps>& pyramid, float prior) {
     }
 }
 
-// Blurs a map in place, along rows and then along columns. `taps` holds the middle one first.
+// Blurs a map in place, along rows and then along columns; beyond its borders it goes on as it ends. `taps` holds the
+// middle one first.
 FEWRAYS_CLONES
 void blur(float* map, int rows, int columns, const std::vector<float>& taps, std::vector<float>& spare) {
     const int reach = static_cast<int>(taps.size()) - 1;
-    spare.resize(static_cast<std::size_t>(rows) * static_cast<std::size_t>(columns));
-    for (int axis = 0; axis < 2; ++axis) {
-        const std::ptrdiff_t step = axis ? columns : 1;
-        for (int i = 0; i < rows; ++i) {
-            float* FEWRAYS_RESTRICT out = spare.data() + std::ptrdiff_t{i} * columns;
-            const float* in = map + std::ptrdiff_t{i} * columns;
-            for (int j = 0; j < columns; ++j) out[j] = taps[0] * in[j];
-            for (int k = 1; k <= reach; ++k) {
-                const float tap = taps[static_cast<std::size_t>(k)];
-                if (axis) {
-                    const float* above = in - std::min(k, i) * step;
-                    const float* below = in + std::min(k, rows - 1 - i) * step;
-                    for (int j = 0; j < columns; ++j) out[j] += tap * (above[j] + below[j]);
-                } else {
-                    for (int j = 0; j < columns; ++j)
-                        out[j] += tap * (in[std::max(j - k, 0)] + in[std::min(j + k, columns - 1)]);
-                }
-            }
+    const auto size = static_cast<std::size_t>(rows) * static_cast<std::size_t>(columns);
+    spare.resize(size + static_cast<std::size_t>(columns + 2 * reach));
+    float* const blurred = spare.data();
+    float* const padded = blurred + size + reach;
+    for (int i = 0; i < rows; ++i) {
+        const float* in = map + std::ptrdiff_t{i} * columns;
+        std::copy(in, in + columns, padded);
+        std::fill(padded - reach, padded, in[0]);
+        std::fill(padded + columns, padded + columns + reach, in[columns - 1]);
+        float* FEWRAYS_RESTRICT out = blurred + std::ptrdiff_t{i} * columns;
+        for (int j = 0; j < columns; ++j) out[j] = taps[0] * padded[j];
+        for (int k = 1; k <= reach; ++k) {
+            const float tap = taps[static_cast<std::size_t>(k)];
+            const float *before = padded - k, *after = padded + k;
+            for (int j = 0; j < columns; ++j) out[j] += tap * (before[j] + after[j]);
         }
-        std::copy(spare.begin(), spare.end(), map);
+    }
+    for (int i = 0; i < rows; ++i) {
+        const float* in = blurred + std::ptrdiff_t{i} * columns;
+        float* FEWRAYS_RESTRICT out = map + std::ptrdiff_t{i} * columns;
+        for (int j = 0; j < columns; ++j) out[j] = taps[0] * in[j];
+        for (int k = 1; k <= reach; ++k) {
+            const float tap = taps[static_cast<std::size_t>(k)];
+            const float* above = in - std::ptrdiff_t{std::min(k, i)} * columns;
+            const float* below = in + std::ptrdiff_t{std::min(k, rows - 1 - i)} * columns;
+            for (int j = 0; j < columns; ++j) out[j] += tap * (above[j] + below[j]);
+        }
     }
 }
 
@@ -304,7 +324,7 @@ void resolve(const Evidence<cells>& evidence, const DepthPlane& plane, const std
     const std::size_t size = maps.cell_count();
     const float sigma = plane.smoothing * static_cast<float>(cells);
     const std::vector<float> taps = sigma > 0.3f ? gaussian_taps(sigma) : std::vector<float>{};
-    std::vector<float> spare;
+    std::vector<float> spare, kept(size);
     for (int top = first_row; top < last_row; top += down) {
         for (int left = 0; left < plane.columns; left += across) {
             const int bottom = std::min(top + down, last_row), right = std::min(left + across, plane.columns);
@@ -316,8 +336,10 @@ void resolve(const Evidence<cells>& evidence, const DepthPlane& plane, const std
                 for (int column = left; column < right; ++column) any = any || slot(row, column) >= 0;
             if (!any) continue;
             evidence.copy(top * Blocks::height - halo, left * Blocks::width - halo, rows, columns, maps.hits.data(),
-                          maps.total.data(), maps.radiance.data());
+                          maps.total.data(), maps.radiance.data(), kept.data());
             estimate(pyramid, prior);
+            // Where no block is kept nothing was hit, though no pass was counted either.
+            for (std::size_t i = 0; i < size; ++i) maps.opacity[i] *= kept[i];
             for (std::size_t c = 0; c < 3; ++c)
                 for (std::size_t i = 0; i < size; ++i) maps.color[c * size + i] *= maps.opacity[i];
             if (!taps.empty()) {

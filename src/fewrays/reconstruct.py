@@ -20,8 +20,8 @@ __all__ = ["METHODS", "find_method", "reconstruct", "run_method"]
 METHODS: dict[str, Method] = {
     method.name: method
     for method in (
-        layered.METHOD,
         multiplane.METHOD,
+        layered.METHOD,
         temporal.METHOD,
         layered_published.METHOD,
         layered_published.AXIS_ALIGNED_METHOD,
@@ -57,7 +57,7 @@ def reconstruct(
 ) -> tuple[Image, dict[str, npt.NDArray[Any]]]: ...
 def reconstruct(
     samples: SampleBuffer,
-    method: str = "layered",
+    method: str = "multiplane",
     *,
     device: str = "auto",
     threads: int | None = None,

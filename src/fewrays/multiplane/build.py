@@ -39,15 +39,15 @@ _LARGEST = 2.0**15  # stored radiance
 class BuildOptions:
     """How planes are made of samples."""
 
-    thickness: float = 0.5
+    thickness: float = 0.4
     """Thickness of planes near focus, in pixels of blur radius."""
     linear_to: float = 8.0
     """Blur radius in pixels beyond which planes grow thicker in proportion to it."""
     cells: int = 3
     """Cells per pixel and axis of planes near focus, 1 to 3."""
-    fine_to: float = 3.0
+    fine_to: float = 2.0
     """Blur radius in pixels up to which planes have that many; others have one. Large for refocusing."""
-    prior: float = 0.3
+    prior: float = 0.2
     """Rays that the estimate of a cell's neighbourhood counts as."""
     smoothing: float = 0.05
     """Gaussian that widely blurred planes are smoothed with, in units of their blur radius; 0 for none."""
@@ -132,7 +132,7 @@ def number_blocks(marks: npt.NDArray[np.uint8], grid: Grid) -> tuple[npt.NDArray
 
 
 def _parts(grid: Grid, marks: npt.NDArray[np.uint8]) -> npt.NDArray[np.int32]:
-    """Cut planes into parts (N, 3) of bounded height: plane, first row of blocks and end, without empty ones."""
+    """Cut planes into parts (N, 3) of bounded height, not empty: plane, first row of blocks, end."""
     parts = []
     for plane, (columns, rows) in enumerate(grid.shape):
         first_slot = grid.first_slot[plane]

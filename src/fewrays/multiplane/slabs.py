@@ -49,7 +49,7 @@ class SlabRule:
         Side of the cells that tell motion apart, in pixels per shutter interval.
     """
 
-    thickness: float = 0.5
+    thickness: float = 0.4
     linear_to: float = 8.0
     motion_cell: float = 1.5
 
