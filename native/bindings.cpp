@@ -56,8 +56,10 @@ CoarseMap make_coarse_map(int layer, int row, int column, Array<float, 5, -1, -1
 // Planes as native code reads them: slope, motion (x, y) and smoothing; cells, left, top, columns, rows, first slot.
 struct DepthPlanes {
     std::vector<DepthPlane> planes;
+    float most_blur;
 
-    DepthPlanes(Array<const float, -1, 4> shears, Array<const std::int32_t, -1, 6> grids) {
+    DepthPlanes(Array<const float, -1, 4> shears, Array<const std::int32_t, -1, 6> grids, float most_blur_)
+        : most_blur(most_blur_) {
         for (std::size_t k = 0; k < shears.shape(0); ++k) {
             const float* s = shears.data() + 4 * k;
             const std::int32_t* g = grids.data() + 6 * k;
@@ -65,7 +67,7 @@ struct DepthPlanes {
         }
     }
     PlaneSet with_slots(const std::int32_t* slots) const {
-        return {planes.data(), static_cast<int>(planes.size()), slots};
+        return {planes.data(), static_cast<int>(planes.size()), slots, most_blur};
     }
 };
 
@@ -333,7 +335,8 @@ NB_MODULE(_native, m) {
     m.attr("UNIT_HALVES") = unit_halves;
     m.attr("HALF_PADDING") = half_padding;
     nb::class_<DepthPlanes>(m, "DepthPlanes")
-        .def(nb::init<Array<const float, -1, 4>, Array<const std::int32_t, -1, 6>>(), "shears"_a, "grids"_a)
+        .def(nb::init<Array<const float, -1, 4>, Array<const std::int32_t, -1, 6>, float>(), "shears"_a, "grids"_a,
+             "most_blur"_a)
         .def_prop_ro("count", [](const DepthPlanes& self) { return self.planes.size(); });
     m.def(
         "multiplane_mark",

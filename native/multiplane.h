@@ -35,6 +35,7 @@ struct PlaneSet {
     const DepthPlane* planes;  // front to back
     int count;
     const std::int32_t* slots;  // of each block, the place of its halves in units; -1 without one
+    float most_blur;            // samples of larger slopes, in size, count as such
 };
 
 // Samples of one run: where they lie in the image, and which planes they hit.

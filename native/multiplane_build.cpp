@@ -19,12 +19,13 @@ struct Place {
 };
 
 // Where the lens centre sees a sample's surface at half time.
-Place seen_from_center(const LightField& field, std::int32_t i) {
+Place seen_from_center(const LightField& field, std::int32_t i, float most_blur) {
     const Path path = field.path(i);
-    if (!field.motion) return {path.x, path.y};
-    if (depth_at(path, 0.5f) < nearest_depth) return {path.x, path.y};
+    const float own = slope(field.depth[i], field.c0, field.c1), beyond = own - std::clamp(own, -most_blur, most_blur);
+    const float right = beyond * field.uv[2 * i], down = beyond * field.uv[2 * i + 1];
+    if (!field.motion || depth_at(path, 0.5f) < nearest_depth) return {path.x + right, path.y + down};
     const Sight sight = sight_of(path, 0.0f, 0.0f, 0.5f, field.far_slope());
-    return {sight.x, sight.y};
+    return {sight.x + right, sight.y + down};
 }
 
 int whole(float x) { return floor_to_int(x); }
@@ -164,6 +165,7 @@ struct Maps {
     int rows, columns;
     std::vector<float> hits, total, radiance;  // radiance has three maps, one after the other
     std::vector<float> opacity, color;         // the estimate
+    std::vector<float> known;                  // 1 where there is an estimate of radiance, else 0
 
     Maps(int rows_, int columns_) : rows(rows_), columns(columns_) {
         const std::size_t size = cell_count();
@@ -171,6 +173,7 @@ struct Maps {
         total.resize(size);
         radiance.resize(3 * size);
         opacity.resize(size);
+        known.resize(size);
         color.resize(3 * size);
     }
     std::size_t cell_count() const { return static_cast<std::size_t>(rows) * static_cast<std::size_t>(columns); }
@@ -187,13 +190,10 @@ void halve(const float* fine, int rows, int columns, float* coarse) {
     }
 }
 
-// Draws what few samples say of a fine cell towards the estimate of the coarser cells around it, which counts as
-// `prior` samples: out = (sum + prior coarse) / (weight + prior), with `coarse` interpolated linearly.
+// Interpolates a coarse map linearly to twice the resolution.
 FEWRAYS_CLONES
-void shrink(const float* FEWRAYS_RESTRICT coarse, int rows, int columns, const float* FEWRAYS_RESTRICT sum,
-            const float* FEWRAYS_RESTRICT weight, float prior, float* FEWRAYS_RESTRICT line,
-            float* FEWRAYS_RESTRICT out) {
-    const int width = 2 * columns;
+void twice(const float* FEWRAYS_RESTRICT coarse, int rows, int columns, float* FEWRAYS_RESTRICT line,
+           float* FEWRAYS_RESTRICT out) {
     for (int i = 0; i < 2 * rows; ++i) {
         const int own = i / 2, other = std::clamp(own + (i % 2 ? 1 : -1), 0, rows - 1);
         const float* FEWRAYS_RESTRICT near_row = coarse + std::ptrdiff_t{own} * columns;
@@ -202,13 +202,44 @@ void shrink(const float* FEWRAYS_RESTRICT coarse, int rows, int columns, const f
         for (int j = 0; j < columns; ++j) padded[j] = 0.75f * near_row[j] + 0.25f * far_row[j];
         line[0] = padded[0];
         padded[columns] = padded[columns - 1];
-        const std::ptrdiff_t row = std::ptrdiff_t{i} * width;
+        float* FEWRAYS_RESTRICT row = out + std::ptrdiff_t{2} * i * columns;
         for (int j = 0; j < columns; ++j) {
             const float middle = 0.75f * padded[j];
-            const std::ptrdiff_t at = row + 2 * j;
-            out[at] = (sum[at] + prior * (middle + 0.25f * padded[j - 1])) / (weight[at] + prior);
-            out[at + 1] = (sum[at + 1] + prior * (middle + 0.25f * padded[j + 1])) / (weight[at + 1] + prior);
+            row[2 * j] = middle + 0.25f * padded[j - 1];
+            row[2 * j + 1] = middle + 0.25f * padded[j + 1];
         }
+    }
+}
+
+// Draws what few samples say of a cell towards the estimate of the coarser cells around it, which `out` holds at first:
+// (sum + share out) / (weight + count). The estimate counts as `count` samples; `share` is that, or more where only a
+// part of the coarser cells is known.
+FEWRAYS_CLONES
+void draw_towards(const float* FEWRAYS_RESTRICT sum, const float* FEWRAYS_RESTRICT weight,
+                  const float* FEWRAYS_RESTRICT share, const float* FEWRAYS_RESTRICT count, std::size_t cells,
+                  float* FEWRAYS_RESTRICT out) {
+    for (std::size_t i = 0; i < cells; ++i) out[i] = (sum[i] + share[i] * out[i]) / (weight[i] + count[i]);
+}
+
+// Estimates opacity and radiance of cells, given the estimate of cells twice as wide.
+void refine(const Maps& coarse, Maps& fine, float prior) {
+    const std::size_t size = fine.cell_count();
+    std::vector<float> line(static_cast<std::size_t>(coarse.columns) + 2), count(size, prior), share(size);
+    twice(coarse.opacity.data(), coarse.rows, coarse.columns, line.data(), fine.opacity.data());
+    draw_towards(fine.hits.data(), fine.total.data(), count.data(), count.data(), size, fine.opacity.data());
+    // Radiance is known only where something was hit.
+    twice(coarse.known.data(), coarse.rows, coarse.columns, line.data(), fine.known.data());
+    constexpr float none = 1e-30f;  // samples that leave a cell's own ones alone
+    for (std::size_t i = 0; i < size; ++i) {
+        const float known = fine.known[i];
+        share[i] = known > 0.0f ? prior / known : 0.0f;
+        count[i] = known > 0.0f ? prior : none;
+        fine.known[i] = known > 0.0f || fine.hits[i] > 0.0f ? 1.0f : 0.0f;
+    }
+    for (std::size_t c = 0; c < 3; ++c) {
+        float* color = fine.color.data() + c * size;
+        twice(coarse.color.data() + c * coarse.cell_count(), coarse.rows, coarse.columns, line.data(), color);
+        draw_towards(fine.radiance.data() + c * size, fine.hits.data(), share.data(), count.data(), size, color);
     }
 }
 
@@ -226,21 +257,13 @@ void estimate(std::vector<Maps>& pyramid, float prior) {
     Maps& top = pyramid.back();
     const std::size_t size = top.cell_count();
     for (std::size_t i = 0; i < size; ++i) {
+        const bool hit = top.hits[i] > 0.0f;
         top.opacity[i] = top.total[i] > 0.0f ? top.hits[i] / top.total[i] : 0.0f;
+        top.known[i] = hit ? 1.0f : 0.0f;
         for (std::size_t c = 0; c < 3; ++c)
-            top.color[c * size + i] = top.hits[i] > 0.0f ? top.radiance[c * size + i] / top.hits[i] : 0.0f;
+            top.color[c * size + i] = hit ? top.radiance[c * size + i] / top.hits[i] : 0.0f;
     }
-    std::vector<float> line(static_cast<std::size_t>(pyramid.front().columns) + 2);
-    for (std::size_t level = pyramid.size() - 1; level > 0; --level) {
-        const Maps& coarse = pyramid[level];
-        Maps& fine = pyramid[level - 1];
-        shrink(coarse.opacity.data(), coarse.rows, coarse.columns, fine.hits.data(), fine.total.data(), prior,
-               line.data(), fine.opacity.data());
-        for (std::size_t c = 0; c < 3; ++c)
-            shrink(coarse.color.data() + c * coarse.cell_count(), coarse.rows, coarse.columns,
-                   fine.radiance.data() + c * fine.cell_count(), fine.hits.data(), prior, line.data(),
-                   fine.color.data() + c * fine.cell_count());
-    }
+    for (std::size_t level = pyramid.size() - 1; level > 0; --level) refine(pyramid[level], pyramid[level - 1], prior);
 }
 
 // Blurs a map in place, along rows and then along columns; beyond its borders it goes on as it ends. `taps` holds the
@@ -396,8 +419,8 @@ void build(const LightField& field, const std::int16_t* plane_of, const PlaneSet
             if (hit > part.plane)
                 evidence.pass({x[static_cast<std::size_t>(i)], y[static_cast<std::size_t>(i)]});
             else if (hit == part.plane)
-                evidence.hit(seen_from_center(field, first + i), field.color + 3 * std::ptrdiff_t{first + i},
-                             plan.scale);
+                evidence.hit(seen_from_center(field, first + i, set.most_blur),
+                             field.color + 3 * std::ptrdiff_t{first + i}, plan.scale);
         }
     }
     resolve<cells>(evidence, plane, set.slots, plan.prior, part.first_row, part.last_row, halves);
@@ -411,7 +434,7 @@ void multiplane_mark(const LightField& field, const std::int16_t* plane_of, cons
     for (std::int32_t i = 0; i < field.count; ++i) {
         if (plane_of[i] < 0) continue;
         const DepthPlane& plane = set.planes[plane_of[i]];
-        const Place place = seen_from_center(field, i);
+        const Place place = seen_from_center(field, i, set.most_blur);
         float& farthest = reach[plane_of[i]];
         farthest = std::max({farthest, std::fabs(place.x - field.xy[2 * i]), std::fabs(place.y - field.xy[2 * i + 1])});
         // Cells that share the sample, and one more to each side.

@@ -16,6 +16,9 @@ constexpr float opaque = 0.01f;  // transmittance below which what lies behind d
 
 int divide_down(int a, int b) { return a >= 0 ? a / b : -((b - 1 - a) / b); }
 
+// Pixels beyond which there is no plane, and all numbers are still exact integers.
+float within_image_reach(float x) { return std::clamp(x, -1048576.0f, 1048576.0f); }
+
 // What one view sees in a tile, front to back.
 struct Sheet {
     alignas(64) float transmittance[tile_pixels];
@@ -30,6 +33,8 @@ struct Taps {
 };
 
 Taps taps_of(const DepthPlane& plane, float x, float y) {
+    x = within_image_reach(x);
+    y = within_image_reach(y);
     const int cells = plane.cells;
     // The cell's coordinate for pixel 0, and how it falls apart into pixel and cell of it.
     const float cell_x = (0.5f + x - static_cast<float>(plane.left)) * static_cast<float>(cells) - 0.5f;
@@ -155,16 +160,47 @@ std::vector<float> reach_of_views(const PlaneSet& set, const ViewSet& views) {
                 const float motion = axis ? plane.motion_y : plane.motion_x;
                 const float shift =
                     views.shrink[k] * (view[3 + axis] - plane.slope * view[axis]) - motion * (view[2] - 0.5f);
-                reach[static_cast<std::size_t>(k)] = std::max(reach[static_cast<std::size_t>(k)], std::fabs(shift));
+                reach[static_cast<std::size_t>(k)] =
+                    std::max(reach[static_cast<std::size_t>(k)], std::fabs(within_image_reach(shift)));
             }
         }
     }
     return reach;
 }
 
+// How much light of a view passes the lens's rim on its way to a pixel of a tile.
+float passing_rim(const float* view, int row, int column, int pixel, const ViewSet& views) {
+    const float x = static_cast<float>(column + pixel % tile_columns) + 0.5f;
+    const float y = static_cast<float>(row + pixel / tile_columns) + 0.5f;
+    return cats_eye_weight(view[0], view[1], x, y, views.rim);
+}
+
+// The light of all views that reaches a tile's pixels, without an aperture's rim 1.
+std::vector<float> light_of_tile(const ViewSet& views, int row, int column) {
+    std::vector<float> light(tile_pixels, views.vignetted ? 0.0f : 1.0f);
+    if (!views.vignetted) return light;
+    for (int n = 0; n < views.count; ++n) {
+        const float* view = views.views + std::ptrdiff_t{6} * n;
+        for (int i = 0; i < tile_pixels; ++i)
+            light[static_cast<std::size_t>(i)] += view[5] * passing_rim(view, row, column, i, views);
+    }
+    return light;
+}
+
+// The weights of a view in a tile's pixels. Where the rim lets no view pass, all count unless that shall darken.
+void weigh(const float* view, int row, int column, const ViewSet& views, const std::vector<float>& light,
+           std::vector<float>& weights) {
+    std::fill(weights.begin(), weights.end(), view[5]);
+    if (!views.vignetted) return;
+    for (int i = 0; i < tile_pixels; ++i)
+        if (views.darken || light[static_cast<std::size_t>(i)] > 0.0f)
+            weights[static_cast<std::size_t>(i)] *= passing_rim(view, row, column, i, views);
+}
+
 void render_tile(const PlaneSet& set, const Half* halves, const ViewSet& views, const std::vector<int>& near, int row,
                  int column, const RenderTarget& target) {
-    std::vector<float> sums(4 * tile_pixels, 0.0f), passing(tile_pixels, 0.0f), weights(tile_pixels);
+    std::vector<float> sums(4 * tile_pixels, 0.0f), weights(tile_pixels);
+    const std::vector<float> passing = light_of_tile(views, row, column);
     const auto sheet = std::make_unique<Sheet>();
     for (int n = 0; n < views.count; ++n) {
         const float* view = views.views + std::ptrdiff_t{6} * n;
@@ -177,14 +213,7 @@ void render_tile(const PlaneSet& set, const Half* halves, const ViewSet& views, 
             const float y = shrink * (view[4] - plane.slope * view[1]) - plane.motion_y * since;
             lay_plane(plane, set.slots, halves, taps_of(plane, x, y), row, column, *sheet);
         }
-        std::fill(weights.begin(), weights.end(), view[5]);
-        if (views.vignetted)
-            for (int i = 0; i < tile_pixels; ++i) {
-                const float x = static_cast<float>(column + i % tile_columns) + 0.5f;
-                const float y = static_cast<float>(row + i / tile_columns) + 0.5f;
-                weights[static_cast<std::size_t>(i)] *= cats_eye_weight(view[0], view[1], x, y, views.rim);
-            }
-        for (std::size_t i = 0; i < tile_pixels; ++i) passing[i] += weights[i];
+        weigh(view, row, column, views, passing, weights);
         add_view(*sheet, weights.data(), sums.data());
     }
     for (int i = 0; i < std::min(tile_rows, target.height - row); ++i)
@@ -192,10 +221,11 @@ void render_tile(const PlaneSet& set, const Half* halves, const ViewSet& views, 
             const std::size_t at = static_cast<std::size_t>(i * tile_columns + j);
             float* pixel = target.image + 4 * (std::ptrdiff_t{row + i} * target.width + column + j);
             const float seen = sums[3 * tile_pixels + at];
-            const float lit = views.darken ? passing[at] : 1.0f;
+            const float light = views.darken || passing[at] > 0.0f ? passing[at] : 1.0f;
+            const float lit = views.darken ? light : 1.0f;
             for (std::size_t c = 0; c < 3; ++c)
                 pixel[c] = seen != 0.0f ? target.scale * lit * sums[c * tile_pixels + at] / seen : 0.0f;
-            pixel[3] = passing[at] != 0.0f ? seen / passing[at] : 0.0f;
+            pixel[3] = light != 0.0f ? seen / light : 0.0f;
         }
 }
 

@@ -13,10 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from buffers import random_buffer
-from fewrays import METHODS, Lens, SampleBuffer, SampleError, load_image, reconstruct, save
+from fewrays import METHODS, Lens, Multiplane, SampleBuffer, SampleError, load_image, reconstruct, save
 from fewrays.cli import main
 from fewrays.cli.refocus import Ease, depth_at, focus_distances, frame_path
 from fewrays.color import srgb_encode
+from fewrays.multiplane.build import build_maps
 from fewrays.sources.analytic import Plane, constant, disc, sample
 
 LENS = Lens(-20.0, 4.0, aperture="gaussian", sampling="square")
@@ -187,6 +188,46 @@ def test_animation_shows_the_same_frames(suffix: str, folder: Path) -> None:
     error = [[np.abs(f.astype(float) - s).mean() for s in stills] for f in frames]
     assert np.argmin(error, axis=1).tolist() == [0, 1, 2, 3]
     assert max(np.diag(error)) < 10
+
+
+# What methods prepare once.
+
+
+@pytest.mark.usefixtures("folder")
+def test_planes_are_built_once(buffer: SampleBuffer, monkeypatch: pytest.MonkeyPatch) -> None:
+    builds: list[SampleBuffer] = []
+
+    def build(samples: SampleBuffer, *rest: Any) -> Any:
+        builds.append(samples)
+        return build_maps(samples, *rest)
+
+    monkeypatch.setattr("fewrays.multiplane.preparation.build_maps", build)
+    flags = "--from 2 --to inf --frames 3 --method multiplane --views 16 --aperture-scale 0.5"
+    assert refocus(f"{flags} --thickness 1 --out r.exr") == 0
+    assert len(builds) == 1
+    planes = Multiplane.build(buffer.refocus(aperture_scale=0.5), thickness=1.0)
+    for number, distance in enumerate([2.0, 4.0, np.inf], 1):
+        expected = planes.render(planes.lens.refocus(distance), views=16)
+        np.testing.assert_array_equal(load_image(f"r.000{number}.exr"), expected)
+
+
+@pytest.mark.usefixtures("folder")
+def test_frames_of_stored_planes_are_those_of_the_samples(buffer: SampleBuffer) -> None:
+    Multiplane.build(buffer).save("scene.planes")
+    flags = ["--from", "2", "--to", "5", "--frames", "2", "--views", "16"]
+    assert main(["refocus", "scene.planes", *flags, "--out", "stored.npy"]) == 0
+    assert main(["refocus", "samples.npz", *flags, "--method", "multiplane", "--out", "fresh.npy"]) == 0
+    for number in ("0001", "0002"):
+        np.testing.assert_array_equal(load_image(f"stored.{number}.npy"), load_image(f"fresh.{number}.npy"))
+
+
+@pytest.mark.usefixtures("folder")
+def test_stored_planes_have_no_pixels_to_focus_at(
+    buffer: SampleBuffer, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Multiplane.build(buffer).save("scene.planes")
+    assert main(["refocus", "scene.planes", "--focus-at", "3", "4", "--out", "r.png"]) == 2
+    assert "scene.planes: focus_at: needs samples to find a depth" in capsys.readouterr().err
 
 
 # What goes wrong.

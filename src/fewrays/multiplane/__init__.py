@@ -14,8 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from fewrays.method import Method, Reconstruction
+from fewrays.multiplane import reference
 from fewrays.multiplane.build import BuildOptions, build_maps
 from fewrays.multiplane.planes import Multiplane
+from fewrays.multiplane.preparation import PREPARATION
 from fewrays.multiplane.render import RenderOptions, render_maps
 from fewrays.parallel import Execution
 from fewrays.samples import SampleBuffer
@@ -33,6 +35,9 @@ class MultiplaneOptions(RenderOptions, BuildOptions):
 
 
 def _run(samples: SampleBuffer, options: MultiplaneOptions, execution: Execution) -> Reconstruction:
+    if execution.device == "reference":
+        seen = reference.reconstruct(samples, options, execution)
+        return Reconstruction(np.ascontiguousarray(seen[..., :3], np.float32))
     maps = build_maps(samples, options, execution)
     image = render_maps(maps, None, options, execution)
     return Reconstruction(np.ascontiguousarray(image[..., :3]))
@@ -42,7 +47,8 @@ METHOD = Method(
     name="multiplane",
     summary="maps of radiance and opacity by depth, laid behind one another for every lens point and time",
     options=MultiplaneOptions,
-    devices=("cpu",),
+    devices=("cpu", "reference"),
     run=_run,
+    preparation=PREPARATION,
 )
 """Our own method."""

@@ -28,6 +28,7 @@ from fewrays.samples import SampleBuffer
 
 __all__ = ["BuildOptions", "build_maps", "lay_out", "number_blocks"]
 
+_MOST_BLUR = 2.0  # widths or heights of the image
 _MARGIN = 4  # pixels beyond what the lens shifts
 _RUN = 128  # samples that are looked at together
 _ROWS = {1: 256, 2: 192, 3: 128}  # pixels of a plane's height that are built at once, by cells per pixel
@@ -63,16 +64,18 @@ class BuildOptions:
         require_option("smoothing", self.smoothing, 0 <= self.smoothing <= 0.2, "from 0 to 0.2")
         require_option("motion_cell", self.motion_cell, 0.25 <= self.motion_cell <= 64, "from 0.25 to 64 px")
 
-    def slab_rule(self) -> SlabRule:
+    def slab_rule(self, samples: SampleBuffer) -> SlabRule:
         """Return how samples are sorted."""
-        return SlabRule(self.thickness, self.linear_to, self.motion_cell)
+        most_blur = _MOST_BLUR * max(samples.height, samples.width)
+        return SlabRule(self.thickness, self.linear_to, self.motion_cell, most_blur)
 
 
 def build_maps(samples: SampleBuffer, options: BuildOptions, execution: Execution) -> Maps:
     """Make planes of samples; see `Multiplane.build`."""
-    assignment = assign_planes(samples, options.slab_rule())
+    rule = options.slab_rule(samples)
+    assignment = assign_planes(samples, rule)
     shear, grid = lay_out(assignment, samples, options)
-    field, planes = view_light_field(samples), native_planes(shear, grid)
+    field, planes = view_light_field(samples), native_planes(shear, grid, rule.most_blur)
     marks = np.zeros(grid.slot_count, np.uint8)
     reach = np.zeros(len(shear.slope), np.float32)
     _native.multiplane_mark(field, assignment.plane_of, planes, marks, reach)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -144,8 +145,8 @@ class Maps:
         return native_planes(self.shear, self.grid)
 
 
-def native_planes(shear: Shear, grid: Grid) -> _native.DepthPlanes:
-    """Return shear and grid as native code reads them."""
+def native_planes(shear: Shear, grid: Grid, most_blur: float = math.inf) -> _native.DepthPlanes:
+    """Return shear and grid as native code reads them, and above which blur radius in pixels none differ."""
     shears = np.column_stack([shear.slope, shear.motion, shear.smoothing]).astype(np.float32)
     grids = np.column_stack([grid.cells, grid.corner, grid.shape, grid.first_slot]).astype(np.int32)
-    return _native.DepthPlanes(np.ascontiguousarray(shears), np.ascontiguousarray(grids))
+    return _native.DepthPlanes(np.ascontiguousarray(shears), np.ascontiguousarray(grids), most_blur)

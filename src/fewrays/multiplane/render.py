@@ -54,7 +54,8 @@ class RenderOptions(ApertureOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_option("views", self.views, 1 <= self.views <= 65536, "from 1 to 65536")
+        whole = isinstance(self.views, int) and 1 <= self.views <= 65536
+        require_option("views", self.views, whole, "that is a whole number from 1 to 65536")
         self.vignetting()
         self.filter_of_pixels()
         self.open_shutter()

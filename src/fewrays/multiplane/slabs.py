@@ -19,7 +19,7 @@ C being the slab's middle and M the cell's: time is to motion what the lens is t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,7 @@ __all__ = ["Assignment", "SlabRule", "assign_planes"]
 Float64 = npt.NDArray[np.float64]
 
 _CHUNK = 2**20  # samples that are assigned at a time
+_MOST_PLANES = 2**15 - 1
 _FARTHEST = 512.0  # pixels of motion beyond which cells are not told apart
 
 
@@ -47,15 +48,18 @@ class SlabRule:
         Blur radius in pixels beyond which slabs grow thicker: L.
     motion_cell : float
         Side of the cells that tell motion apart, in pixels per shutter interval.
+    most_blur : float
+        Blur radius in pixels above which slopes count as of this one: blur as wide as several images.
     """
 
     thickness: float = 0.4
     linear_to: float = 8.0
     motion_cell: float = 1.5
+    most_blur: float = 2.0**16
 
     def coordinate(self, slope: npt.ArrayLike) -> Float64:
         """Return s(C) for slopes in pixels, of any shape."""
-        slope = np.asarray(slope, np.float64)
+        slope = np.clip(np.asarray(slope, np.float64), -self.most_blur, self.most_blur)
         size = np.abs(slope)
         beyond = self.linear_to * (1 + np.log(np.maximum(size, self.linear_to) / self.linear_to))
         distance: Float64 = np.where(size <= self.linear_to, size, beyond) / self.thickness
@@ -97,7 +101,10 @@ class Assignment:
 
 
 def assign_planes(samples: SampleBuffer, rule: SlabRule) -> Assignment:
-    """Sort samples into planes."""
+    """Sort samples into planes.
+
+    Cells of motion become larger, twice by twice, when there would be more planes than numbers for them.
+    """
     count = samples.depth.size
     moving = samples.motion is not None and bool(samples.motion.any())
     key = np.empty((count, 3 if moving else 1), np.int32)
@@ -107,7 +114,10 @@ def assign_planes(samples: SampleBuffer, rule: SlabRule) -> Assignment:
         key[part, 0] = rule.index(samples.lens.slope(depth[part]))
     if moving:
         _assign_moving(samples, rule, key)
-    planes, plane_of = _number_rows(key)
+    planes, number = _number_rows(key)
+    if len(planes) > _MOST_PLANES:
+        return assign_planes(samples, replace(rule, motion_cell=2 * rule.motion_cell))
+    plane_of = number.astype(np.int16)
     plane_of[samples.xy.reshape(-1, 2)[:, 0] <= OFF_IMAGE / 2] = -1
     motion = np.zeros((len(planes), 2))
     if moving:
@@ -129,7 +139,7 @@ def _assign_moving(samples: SampleBuffer, rule: SlabRule, key: npt.NDArray[np.in
     key[both, 1:] = np.floor(moved / rule.motion_cell + 0.5)
 
 
-def _number_rows(key: npt.NDArray[np.int32]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int16]]:
+def _number_rows(key: npt.NDArray[np.int32]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
     """Return the distinct rows in lexical order, and the number of each row among them."""
     low = key.min(axis=0)
     spans = key.max(axis=0).astype(np.int64) - low + 1
@@ -137,6 +147,6 @@ def _number_rows(key: npt.NDArray[np.int32]) -> tuple[npt.NDArray[np.int32], npt
     for column, span in zip(range(key.shape[1]), spans, strict=True):
         flat = flat * span + (key[:, column] - low[column])
     present = np.flatnonzero(np.bincount(flat, minlength=1)) if spans.prod() < 2**26 else np.unique(flat)
-    number = np.searchsorted(present, flat).astype(np.int16)
+    number = np.searchsorted(present, flat)
     rows = np.stack(np.unravel_index(present, tuple(spans)), axis=-1).astype(np.int32) + low
     return rows, number
