@@ -5,9 +5,9 @@
     python examples/render.py butterflies --aperture disc --spp 1 2 4 8 16
     python benchmarks/multiplane.py
 
-Needs ``fewrays[bench]``. Writes ``docs/multiplane-results.md`` and its pictures in ``docs/images/``. The parts can be measured one by one; then
-the page has only these. With ``--keep FOLDER`` the images of other methods are kept, and another run does not
-wait for them.
+Needs ``fewrays[bench]``. Writes ``docs/multiplane-results.md`` and pictures in ``docs/images/``. The parts
+can be made one by one; then the page has only these. With ``--keep FOLDER`` the images of other methods are
+kept there, and another run does not wait for them.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ def memory_part(options: argparse.Namespace) -> Iterator[str]:
 
 def parameters_part(options: argparse.Namespace) -> Iterator[str]:
     """Measure what each option does."""
-    names = rendered(options.renders, SCENES, _SPP)
+    names = rendered(options.renders, (*SCENES, MOVING), _SPP)
     scenes = [load_disc_scene(options.renders, name, _SPP) for name in names]
     yield from multiplane_parameters.section(scenes, multiplane_parameters.measure_variants(scenes))
 
@@ -147,7 +147,7 @@ def pictures_part(options: argparse.Namespace) -> Iterator[str]:
         yield f"![{scene}: average, Open Image Denoise, temporal, multiplane, reference](images/{name})"
     shown = multiplane_pictures.draw_one_sample(renders, images / "multiplane-one-sample.png", kept)
     yield f"One sample per pixel, {', '.join(shown)}:"
-    yield "![one sample per pixel: averaged, denoised, multiplane, reference](images/multiplane-one-sample.png)"
+    yield "![one sample per pixel: averaged, denoised, ours, reference](images/multiplane-one-sample.png)"
     count = multiplane_pictures.draw_planes(renders, images / "multiplane-planes.png")
     yield f"Six of the {count} planes of *{STILL}*: opacity above, radiance below."
     yield "![opacity and radiance of six planes](images/multiplane-planes.png)"

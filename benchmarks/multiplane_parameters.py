@@ -24,6 +24,7 @@ VALUES: Mapping[str, Sequence[Any]] = {
     "fine_to": (0.0, 1.5, 3.0, 6.0, 12.0),
     "prior": (0.03, 0.1, 0.3, 1.0, 3.0),
     "smoothing": (0.0, 0.025, 0.05, 0.1),
+    "motion_cell": (0.75, 1.5, 3.0, 6.0),
     "views": (16, 32, 64, 128, 256, 512),
 }
 """Values to try, by option; that of the method as it is may be among them."""

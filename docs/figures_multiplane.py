@@ -84,8 +84,9 @@ def rays() -> None:
             if depth < hit:
                 plot.dot(depth, u + slope * depth, GREEN, 4)
         plot.dot(hit, u + slope * hit, ORANGE, 6)
-    plot.text(4.6, 2.0, "orange: hits; green: passes; behind a hit a ray says nothing")
-    write("multiplane-rays", [[Panel(plot.picture())]])
+    title = "What five rays say of four planes"
+    note = "orange: hits; green: passes; of what lies behind its hit a ray says nothing"
+    write("multiplane-rays", [[Panel(plot.picture(), title, note)]])
 
 
 def slabs() -> None:
@@ -225,12 +226,15 @@ def refocused() -> None:
 
 
 def _shown(images: dict[str, Image], truth: Image) -> list[list[Panel]]:
-    upper = [Panel(enlarge(tone_map(inner(image)), 2), name) for name, image in images.items()]
-    lower = [
-        Panel(enlarge(difference(inner(image), inner(truth), 4), 2), "difference x 4" * (image is not truth))
-        for image in images.values()
-    ]
-    return [upper, lower]
+    rows = []
+    for name, image in images.items():
+        row = [Panel(enlarge(tone_map(inner(image)), 3), name)]
+        if image is not truth:
+            row.append(
+                Panel(enlarge(difference(inner(image), inner(truth), 4), 3), "difference from it, x 4")
+            )
+        rows.append(row)
+    return rows
 
 
 PARTS: dict[str, Callable[[], None]] = {
