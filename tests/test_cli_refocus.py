@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from buffers import random_buffer
 from fewrays import METHODS, Lens, SampleBuffer, SampleError, load_image, reconstruct, save
 from fewrays.cli import main
-from fewrays.cli.refocus import Ease, depth_at, focus_distances, frame_path
+from fewrays.cli.refocus import depth_at
+from fewrays.cli.sequence import Ease, focus_distances, frame_path
 from fewrays.color import srgb_encode
 from fewrays.sources.analytic import Plane, constant, disc, sample
 

@@ -18,6 +18,7 @@ from fewrays import __version__
 from fewrays.cli.command import Command, build
 from fewrays.cli.compare import Compare
 from fewrays.cli.convert import Convert
+from fewrays.cli.defocus import Defocus
 from fewrays.cli.demo import Demo
 from fewrays.cli.info import Info
 from fewrays.cli.methods import named_method
@@ -33,6 +34,7 @@ COMMANDS: dict[str, type[Command]] = {
     "render": Render,
     "reconstruct": Reconstruct,
     "refocus": Refocus,
+    "defocus": Defocus,
     "compare": Compare,
     "info": Info,
     "convert": Convert,
