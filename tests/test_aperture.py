@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -26,15 +27,17 @@ APERTURES = (
     Aperture("polygon", blades=12, rotation=-90.0, roundness=1.0),
 )
 
+squeezes = st.floats(0.125, 8)
 apertures = st.one_of(
-    st.just(Aperture()),
-    st.builds(Aperture, st.just("gaussian"), sigma=st.floats(0.001, 1000)),
+    st.builds(Aperture, squeeze=squeezes),
+    st.builds(Aperture, st.just("gaussian"), sigma=st.floats(0.001, 1000), squeeze=squeezes),
     st.builds(
         Aperture,
         st.just("polygon"),
         blades=st.integers(3, 64),
         rotation=st.floats(-360, 360),
         roundness=st.floats(0, 1),
+        squeeze=squeezes,
     ),
 )
 
@@ -173,6 +176,28 @@ def test_a_fully_round_polygon_is_the_disc() -> None:
     assert polygon.area == pytest.approx(math.pi)
 
 
+@pytest.mark.parametrize("aperture", APERTURES, ids=repr)
+@pytest.mark.parametrize("squeeze", [2.0, 1.33, 0.5])
+def test_squeeze_makes_the_shape_taller_than_wide(aperture: Aperture, squeeze: float) -> None:
+    squeezed = replace(aperture, squeeze=squeeze)
+    factors = np.array((1, squeeze)) / max(1, squeeze)  # the longer axis stays as it is
+    assert squeezed.points(300) == pytest.approx(aperture.points(300) * factors)
+    assert squeezed.area == pytest.approx(aperture.area * factors.prod())
+    grid = fine_grid(60)
+    assert (squeezed.contains(grid * factors) == aperture.contains(grid)).all()
+    density = squeezed.density(grid * factors)
+    assert density == pytest.approx(aperture.density(grid) / factors.prod())
+
+
+def test_a_2x_anamorphic_disc_is_an_ellipse_twice_as_tall_as_wide() -> None:
+    aperture = Aperture(squeeze=2.0)
+    uv = aperture.points(4096)
+    assert np.ptp(uv, axis=0) == pytest.approx([1, 2], abs=0.02)
+    assert np.square(uv).mean(axis=0) == pytest.approx([1 / 16, 1 / 4], abs=1e-3)
+    assert aperture.area == pytest.approx(math.pi / 2)
+    assert aperture.contains([[0, 0.99], [0.49, 0], [0.51, 0]]).tolist() == [True, True, False]
+
+
 def test_rotation_turns_from_u_towards_v() -> None:
     straight = Aperture("polygon", blades=3).points(100)
     u, v = Aperture("polygon", blades=3, rotation=90.0).points(100).T
@@ -247,6 +272,9 @@ def test_points_are_the_same_every_time() -> None:
         ({"rotation": math.nan}, "rotation"),
         ({"roundness": -0.1}, "roundness"),
         ({"roundness": 1.01}, "roundness"),
+        ({"squeeze": 0.0}, "squeeze"),
+        ({"squeeze": 8.5}, "squeeze"),
+        ({"squeeze": math.nan}, "squeeze"),
     ],
 )
 def test_bad_shapes_are_named(options: dict[str, object], field: str) -> None:

@@ -13,11 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from buffers import random_buffer
-from fewrays import METHODS, Lens, SampleBuffer, SampleError, load_image, reconstruct, save
+from fewrays import METHODS, Lens, Multiplane, SampleBuffer, SampleError, load_image, reconstruct, save
 from fewrays.cli import main
 from fewrays.cli.refocus import depth_at
 from fewrays.cli.sequence import Ease, focus_distances, frame_path
 from fewrays.color import srgb_encode
+from fewrays.multiplane.build import build_maps
 from fewrays.sources.analytic import Plane, constant, disc, sample
 
 LENS = Lens(-20.0, 4.0, aperture="gaussian", sampling="square")
@@ -128,9 +129,10 @@ def test_every_method_works(method: str, folder: Path) -> None:
 
 @pytest.mark.usefixtures("folder")
 def test_options_aperture_and_exposure_are_passed_on(buffer: SampleBuffer) -> None:
-    flags = "--sigma-pix 0.8 --layer-spacing 0.3 --aperture-scale 0.5 --exposure -1"
+    flags = "--method layered --sigma-pix 0.8 --layer-spacing 0.3 --aperture-scale 0.5 --exposure -1"
     assert refocus(f"--from 2 --to 3 --frames 2 --out r.{{}}.png {flags}") == 0
-    image = reconstruct(buffer.refocus(None, 0.5).refocus(2.0), sigma_pix=0.8, layer_spacing=0.3)
+    scene = buffer.refocus(None, 0.5).refocus(2.0)
+    image = reconstruct(scene, "layered", sigma_pix=0.8, layer_spacing=0.3)
     shown = np.rint(srgb_encode(image / 2) * 255)
     with PIL.Image.open("r.0001.png") as picture:
         assert np.abs(np.asarray(picture) - shown).max() <= 1
@@ -190,6 +192,46 @@ def test_animation_shows_the_same_frames(suffix: str, folder: Path) -> None:
     assert max(np.diag(error)) < 10
 
 
+# What methods prepare once.
+
+
+@pytest.mark.usefixtures("folder")
+def test_planes_are_built_once(buffer: SampleBuffer, monkeypatch: pytest.MonkeyPatch) -> None:
+    builds: list[SampleBuffer] = []
+
+    def build(samples: SampleBuffer, *rest: Any) -> Any:
+        builds.append(samples)
+        return build_maps(samples, *rest)
+
+    monkeypatch.setattr("fewrays.multiplane.preparation.build_maps", build)
+    flags = "--from 2 --to inf --frames 3 --method multiplane --views 16 --aperture-scale 0.5"
+    assert refocus(f"{flags} --thickness 1 --out r.exr") == 0
+    assert len(builds) == 1
+    planes = Multiplane.build(buffer.refocus(aperture_scale=0.5), thickness=1.0)
+    for number, distance in enumerate([2.0, 4.0, np.inf], 1):
+        expected = planes.render(planes.lens.refocus(distance), views=16)
+        np.testing.assert_array_equal(load_image(f"r.000{number}.exr"), expected)
+
+
+@pytest.mark.usefixtures("folder")
+def test_frames_of_stored_planes_are_those_of_the_samples(buffer: SampleBuffer) -> None:
+    Multiplane.build(buffer).save("scene.planes")
+    flags = ["--from", "2", "--to", "5", "--frames", "2", "--views", "16"]
+    assert main(["refocus", "scene.planes", *flags, "--out", "stored.npy"]) == 0
+    assert main(["refocus", "samples.npz", *flags, "--method", "multiplane", "--out", "fresh.npy"]) == 0
+    for number in ("0001", "0002"):
+        np.testing.assert_array_equal(load_image(f"stored.{number}.npy"), load_image(f"fresh.{number}.npy"))
+
+
+@pytest.mark.usefixtures("folder")
+def test_stored_planes_have_no_pixels_to_focus_at(
+    buffer: SampleBuffer, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Multiplane.build(buffer).save("scene.planes")
+    assert main(["refocus", "scene.planes", "--focus-at", "3", "4", "--out", "r.png"]) == 2
+    assert "scene.planes: focus_at: needs samples to find a depth" in capsys.readouterr().err
+
+
 # What goes wrong.
 
 
@@ -208,7 +250,7 @@ def test_animation_shows_the_same_frames(suffix: str, folder: Path) -> None:
         ("--out r.png --focus-at 24 1", "focus_at: pixel (24, 1) lies outside the image of 24 x 20"),
         ("--out r.png --to 2 --aperture-scale 0", "lens: is a pinhole"),
         ("--out r.png --to 2 --method boxes", "unknown method 'boxes'"),
-        ("--out r.png --to 2 --tile 1", "tile: expected a value from 16"),
+        ("--out r.png --to 2 --method layered --tile 1", "tile: expected a value from 16"),
     ],
 )
 def test_user_errors(command: str, complaint: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

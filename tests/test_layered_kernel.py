@@ -6,6 +6,7 @@ import resource
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,8 @@ from hypothesis import strategies as st
 
 from agreement import assert_agree
 from buffers import random_buffer
-from fewrays import Lens, SampleBuffer, SampleError, reconstruct
+from fewrays import Lens, SampleBuffer, SampleError
+from fewrays import reconstruct as reconstruct_with
 from fewrays.layered import regions
 from fewrays.layered.aperture import ApertureParts
 from fewrays.layered.plan import Plan
@@ -25,6 +27,8 @@ from fewrays.layered.taps import gaussian_taps, tap_count
 from fewrays.lens import Aperture, Sampling
 from fewrays.method import Image
 from fewrays.samples import OFF_IMAGE
+
+reconstruct = partial(reconstruct_with, method="layered")
 
 LENS = Lens(-40.0, 8.0)
 

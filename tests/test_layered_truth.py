@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
-from fewrays import Lens, SampleBuffer, reconstruct
+from fewrays import Lens, SampleBuffer
+from fewrays import reconstruct as reconstruct_with
 from fewrays.layered import reference as numpy_twin
 from fewrays.layered.plan import Plan
 from fewrays.lens import Sampling
@@ -26,6 +28,8 @@ from fewrays.sources.analytic import (
     sample,
     smooth_noise,
 )
+
+reconstruct = partial(reconstruct_with, method="layered")
 
 INNER = 64  # side of the square in the middle that is looked at: no samples lie outside the image
 SLOPES = [-240.0, -60.0, -12.5, -5.0, -2.0, -1.0, 0.0, 0.7, 1.4, 1.6, 3.0, 6.0, 15.0, 60.0, 120.0]
@@ -134,7 +138,7 @@ class TestTwoDiscs:
         radius = np.hypot(*(np.indices((cls.size, cls.size)) + 0.5 - 48))
         ring = (radius > 12) & (radius < 20)
         images = {
-            "published": reconstruct(samples, "layered-published"),
+            "published": reconstruct_with(samples, "layered-published"),
             "layered": reconstruct(samples),
             "one part": reconstruct(samples, aperture_parts=1),
         }

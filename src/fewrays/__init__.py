@@ -5,12 +5,14 @@ from fewrays.errors import SampleError
 from fewrays.io import load, load_image, save, save_image
 from fewrays.lens import Lens
 from fewrays.metrics import compare
+from fewrays.multiplane import Multiplane
 from fewrays.reconstruct import METHODS, reconstruct
 from fewrays.samples import SampleBuffer
 
 __all__ = [
     "METHODS",
     "Lens",
+    "Multiplane",
     "SampleBuffer",
     "SampleError",
     "compare",

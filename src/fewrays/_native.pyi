@@ -103,3 +103,32 @@ class Sheets:
 def dynamic_blocks(sheets: Sheets, block: int, first: int, last: int, blocks: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None, 4), order='C', device='cpu')]) -> None: ...
 
 def dynamic_tiles(sheets: Sheets, blocks: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None, 4), order='C', device='cpu', writable=False)], block: int, tile: int, views: Annotated[NDArray[numpy.float32], dict(shape=(None, 3), order='C', device='cpu', writable=False)], tolerance: float, growth: int, rim: FrontRim | None, first: int, last: int, sums: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 5), order='C', device='cpu')], passed: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order='C', device='cpu')] | None) -> tuple[float, float]: ...
+
+BLOCK_ROWS: int = 8
+
+BLOCK_COLUMNS: int = 32
+
+TILE_ROWS: int = 16
+
+TILE_COLUMNS: int = 64
+
+UNIT_HALVES: int = 1188
+
+HALF_PADDING: int = 64
+
+class DepthPlanes:
+    def __init__(self, shears: Annotated[NDArray[numpy.float32], dict(shape=(None, 4), order='C', device='cpu', writable=False)], grids: Annotated[NDArray[numpy.int32], dict(shape=(None, 6), order='C', device='cpu', writable=False)], most_blur: float) -> None: ...
+
+    @property
+    def count(self) -> int: ...
+
+def multiplane_mark(field: LightField, plane_of: Annotated[NDArray[numpy.int16], dict(shape=(None,), order='C', device='cpu', writable=False)], planes: DepthPlanes, marks: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order='C', device='cpu')], reach: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu')]) -> None: ...
+
+def multiplane_runs(field: LightField, plane_of: Annotated[NDArray[numpy.int16], dict(shape=(None,), order='C', device='cpu', writable=False)], length: int, first: int, last: int, runs: SampleRuns) -> None: ...
+
+class SampleRuns:
+    def __init__(self, count: int) -> None: ...
+
+def multiplane_build(field: LightField, plane_of: Annotated[NDArray[numpy.int16], dict(shape=(None,), order='C', device='cpu', writable=False)], planes: DepthPlanes, slots: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], runs: SampleRuns, run_length: int, reach: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], prior: float, scale: float, parts: Annotated[NDArray[numpy.int32], dict(shape=(None, 3), order='C', device='cpu', writable=False)], first: int, last: int, halves: Annotated[NDArray[numpy.uint16], dict(shape=(None,), order='C', device='cpu')]) -> None: ...
+
+def multiplane_render(planes: DepthPlanes, slots: Annotated[NDArray[numpy.int32], dict(shape=(None,), order='C', device='cpu', writable=False)], halves: Annotated[NDArray[numpy.uint16], dict(shape=(None,), order='C', device='cpu', writable=False)], scale: float, *, views: Annotated[NDArray[numpy.float32], dict(shape=(None, 6), order='C', device='cpu', writable=False)], shrink: Annotated[NDArray[numpy.float32], dict(shape=(None,), order='C', device='cpu', writable=False)], rim: FrontRim, vignetted: bool, darken: bool, first: int, last: int, image: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 4), order='C', device='cpu')]) -> None: ...

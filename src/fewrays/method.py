@@ -1,22 +1,25 @@
 """The shape that every reconstruction method has.
 
 A method is a name, a frozen dataclass of options and a function from samples to an image. The CLI, the
-benchmarks and `fewrays.reconstruct` know methods only by this shape.
+benchmarks and `fewrays.reconstruct` know methods only by this shape. A method may also say what of its work
+does not depend on the lens that is looked through (`Preparation`): then many images take that work once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from fewrays.lens import Lens
 from fewrays.parallel import Execution
 from fewrays.samples import SampleBuffer
 
-__all__ = ["Image", "Method", "Reconstruction"]
+__all__ = ["Image", "Method", "Preparation", "Prepared", "Reconstruction"]
 
 Image = npt.NDArray[np.float32]
 
@@ -37,6 +40,56 @@ class Reconstruction:
     aovs: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
 
 
+class Prepared(Protocol):
+    """What a method made of samples, once, for any number of images."""
+
+    @property
+    def lens(self) -> Lens:
+        """The lens of the samples."""
+
+    @property
+    def height(self) -> int:
+        """Image height in pixels."""
+
+    @property
+    def width(self) -> int:
+        """Image width in pixels."""
+
+    def reconstruct(self, lens: Lens, options: Any, execution: Execution) -> Reconstruction:
+        """Make an image, with the method's options; those for preparing have had their effect."""
+
+    def save(self, path: Path) -> None:
+        """Write it to a file."""
+
+    def describe(self, lens: Lens) -> dict[str, str]:
+        """Return what there is to say about it, one short text per heading, as that lens sees it."""
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """How a method divides its work: what is made of samples once, and images that are made of that.
+
+    Parameters
+    ----------
+    content : str
+        What is made, in one word.
+    extension : str
+        Of files that hold it, with the dot.
+    options : type
+        The dataclass of those of the method's options that preparing reads.
+    prepare : callable
+        ``prepare(samples, options, execution) -> Prepared``, on the first of the method's devices.
+    load : callable
+        ``load(path) -> Prepared``, from a file.
+    """
+
+    content: str
+    extension: str
+    options: type[Any]
+    prepare: Callable[[SampleBuffer, Any, Execution], Prepared]
+    load: Callable[[Path], Prepared]
+
+
 @dataclass(frozen=True)
 class Method:
     """A reconstruction method.
@@ -53,6 +106,8 @@ class Method:
         The devices that it runs on, the one that ``"auto"`` means first.
     run : callable
         ``run(samples, options, execution) -> Reconstruction``.
+    preparation : Preparation, optional
+        For methods whose work is mostly done before the lens matters.
     """
 
     name: str
@@ -60,3 +115,4 @@ class Method:
     options: type[Any]
     devices: tuple[str, ...]
     run: Callable[[SampleBuffer, Any, Execution], Reconstruction]
+    preparation: Preparation | None = None

@@ -8,7 +8,7 @@ from typing import Any, Literal, overload
 import numpy as np
 import numpy.typing as npt
 
-from fewrays import layered, layered_published, temporal
+from fewrays import layered, layered_published, multiplane, temporal
 from fewrays.baselines import axis_aligned, box, sheared
 from fewrays.errors import SampleError
 from fewrays.method import Image, Method, Reconstruction
@@ -20,6 +20,7 @@ __all__ = ["METHODS", "find_method", "reconstruct", "run_method"]
 METHODS: dict[str, Method] = {
     method.name: method
     for method in (
+        multiplane.METHOD,
         layered.METHOD,
         temporal.METHOD,
         layered_published.METHOD,
@@ -56,7 +57,7 @@ def reconstruct(
 ) -> tuple[Image, dict[str, npt.NDArray[Any]]]: ...
 def reconstruct(
     samples: SampleBuffer,
-    method: str = "layered",
+    method: str = "multiplane",
     *,
     device: str = "auto",
     threads: int | None = None,

@@ -12,6 +12,7 @@ import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from fewrays import __version__
@@ -22,10 +23,13 @@ from fewrays.cli.defocus import Defocus
 from fewrays.cli.demo import Demo
 from fewrays.cli.info import Info
 from fewrays.cli.methods import named_method
+from fewrays.cli.planes import Planes
 from fewrays.cli.reconstruct import Reconstruct
 from fewrays.cli.refocus import Refocus
 from fewrays.cli.render import Render
+from fewrays.cli.source import preparing_method
 from fewrays.errors import SampleError
+from fewrays.method import Method
 
 __all__ = ["COMMANDS", "main", "parse"]
 
@@ -35,6 +39,7 @@ COMMANDS: dict[str, type[Command]] = {
     "reconstruct": Reconstruct,
     "refocus": Refocus,
     "defocus": Defocus,
+    "planes": Planes,
     "compare": Compare,
     "info": Info,
     "convert": Convert,
@@ -96,9 +101,21 @@ def parse(arguments: Sequence[str]) -> Command:
     name, rest = arguments[0], list(arguments[1:])
     if name not in COMMANDS:
         raise SampleError(f"unknown command {name!r}; choose from {', '.join(COMMANDS)}")
-    kind: Any = _WITH_METHOD[name][named_method(rest).options] if name in _WITH_METHOD else COMMANDS[name]
+    kind: Any = COMMANDS[name]
+    if name in _WITH_METHOD:
+        method = _method_of(rest)
+        kind, rest = _WITH_METHOD[name][method.options], [*rest, "--method", method.name]
     command: Command = build(kind, rest, prog=f"fewrays {name}")
     return command
+
+
+def _method_of(arguments: Sequence[str]) -> Method:
+    """Return the method that ``--method`` names; else the one that prepared a file there, or the default."""
+    if not any(argument.split("=")[0] == "--method" for argument in arguments):
+        for argument in arguments:
+            if method := preparing_method(Path(argument)):
+                return method
+    return named_method(arguments)
 
 
 def _run(arguments: list[str]) -> int:

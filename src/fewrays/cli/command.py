@@ -7,7 +7,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, TypeVar
@@ -18,7 +18,7 @@ from tyro.conf import DisallowNone, Positional, arg
 from fewrays.errors import SampleError
 from fewrays.io import FORMATS, load
 from fewrays.io.images import IMAGE_FORMATS
-from fewrays.lens import Aperture, Sampling
+from fewrays.lens import Aperture, Lens, Sampling
 from fewrays.samples import SampleBuffer
 
 __all__ = [
@@ -31,6 +31,7 @@ __all__ = [
     "build",
     "check_output",
     "report",
+    "report_file",
     "stopwatch",
 ]
 
@@ -145,6 +146,28 @@ class InputFlags:
             return samples
         return samples.refocus(self.focus_distance, self.aperture_scale)
 
+    def lens_for(self, lens: Lens, path: Path) -> Lens:
+        """Return the lens that the flags describe, for a file that holds no samples.
+
+        Parameters
+        ----------
+        lens : Lens
+            What the file says.
+        path : path
+            The file, for messages.
+
+        Raises
+        ------
+        SampleError
+            For flags that say how samples are read, and values out of range.
+        """
+        for name in ("sampling", "nan", "header"):
+            if getattr(self, name) != getattr(InputFlags, name):
+                raise SampleError("is for samples, of which this file has none", file=path, field=name)
+        aperture, sigma = self.aperture or lens.aperture, lens.sigma if self.sigma is None else self.sigma
+        own = replace(lens, aperture=aperture, sigma=sigma)
+        return own.refocus(self.focus_distance, self.aperture_scale)
+
 
 def check_output(path: Path, suffixes: Sequence[str]) -> None:
     """Refuse an output path before the work that it is for, not after.
@@ -178,9 +201,10 @@ def stopwatch() -> Iterator[Stopwatch]:
 
 
 def report(what: str, samples: SampleBuffer, watch: Stopwatch, path: Path) -> None:
-    """Print the one line that says what was done, how long it took and where the result is."""
-    size = path.stat().st_size / 2**20
-    print(
-        f"{what}: {samples.width} x {samples.height}, {samples.spp} spp, {watch.seconds:.2f} s "
-        f"-> {path} ({size:.1f} MiB)"
-    )
+    """Print the one line that says what was done with samples, how long it took and where the result is."""
+    report_file(what, f"{samples.width} x {samples.height}, {samples.spp} spp", watch, path)
+
+
+def report_file(what: str, size: str, watch: Stopwatch, path: Path) -> None:
+    """Print the line of `report` for a source of that size, given in words."""
+    print(f"{what}: {size}, {watch.seconds:.2f} s -> {path} ({path.stat().st_size / 2**20:.1f} MiB)")

@@ -1,4 +1,4 @@
-"""``fewrays info``: what a file of samples holds."""
+"""``fewrays info``: what a file of samples holds, or of what a method has prepared of them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ import numpy as np
 from tyro.conf import OmitArgPrefixes
 
 from fewrays.cli.command import Command, InputFlags, SamplesFile
+from fewrays.cli.source import preparing_method
+from fewrays.lens import Lens
+from fewrays.method import Preparation
 from fewrays.samples import SampleBuffer
 
 __all__ = ["Info", "describe"]
@@ -18,19 +21,20 @@ _PERCENTILES = {"min": 0, "1%": 1, "25%": 25, "median": 50, "75%": 75, "99%": 99
 
 @dataclass(frozen=True)
 class Info(Command):
-    """Show what a file of samples holds: size, fields, lens, blur, depth, placement.
+    """Show what a file of samples or planes holds: size, fields, lens, blur, depth, placement.
 
     The input options show it as another lens would see it.
 
     Parameters
     ----------
     samples
-        The samples: .npz, version 1.3 (.tlfr, .bin, .txt), or deep .exr.
+        The samples: .npz, version 1.3 (.tlfr, .bin, .txt), or deep .exr. Or the .planes of 'fewrays planes'.
     """
 
     examples: ClassVar[tuple[str, ...]] = (
         "fewrays info samples.npz",
         "fewrays info samples.npz --focus-distance 3.5",
+        "fewrays info scene.planes",
     )
 
     samples: SamplesFile
@@ -38,14 +42,28 @@ class Info(Command):
 
     def run(self) -> None:
         """Print the description."""
-        samples = self.input.load(self.samples)
-        lines = {"file": str(self.samples), **describe(samples)}
+        method = preparing_method(self.samples)
+        if method is not None and method.preparation is not None:
+            found = self._describe_prepared(method.preparation)
+        else:
+            found = describe(self.input.load(self.samples))
+        lines = {"file": str(self.samples), **found}
         print("\n".join(f"{name:<10} {text}" for name, text in lines.items()))
+
+    def _describe_prepared(self, preparation: Preparation) -> dict[str, str]:
+        prepared = preparation.load(self.samples)
+        lens = self.input.lens_for(prepared.lens, self.samples)
+        return {
+            "size": f"{prepared.width} x {prepared.height} pixels",
+            "lens": describe_lens(lens),
+            "aperture": f"{lens.aperture}, sigma {lens.sigma:.6g}",
+            **prepared.describe(lens),
+        }
 
 
 def describe(samples: SampleBuffer) -> dict[str, str]:
     """Return what there is to say about samples, one short text per heading."""
-    lens, focus = samples.lens, samples.lens.focus_distance
+    lens = samples.lens
     total = samples.depth.size
     own, off = placement(samples)
     slope = np.percentile(samples.slope(), list(_PERCENTILES.values()))
@@ -54,7 +72,7 @@ def describe(samples: SampleBuffer) -> dict[str, str]:
     return {
         "size": f"{samples.width} x {samples.height} pixels, {samples.spp} spp, {total:,} samples",
         "fields": f"{' '.join(samples.field_names())}; {samples.nbytes / 2**20:.1f} MiB in memory",
-        "lens": f"slope = {lens.c0:.6g} / depth + {lens.c1:.6g} px (c0, c1), focused at {focus:.6g}",
+        "lens": describe_lens(lens),
         "aperture": f"{lens.aperture}, samples drawn from {lens.sampling}, sigma {lens.sigma:.6g}; "
         f"worth {effective_spp(samples):.1f} spp for plain averaging",
         "slope": ", ".join(f"{name} {value:.4g}" for name, value in zip(_PERCENTILES, slope, strict=True))
@@ -63,6 +81,11 @@ def describe(samples: SampleBuffer) -> dict[str, str]:
         "radiance": f"{color.min():.4g} to {color.max():.4g}, mean {color.mean(dtype=np.float64):.4g}",
         "placement": f"{own:.2%} of the samples lie in their own pixel, {off:.2%} off the image",
     }
+
+
+def describe_lens(lens: Lens) -> str:
+    """Return a lens's coefficients and its focus in words."""
+    return f"slope = {lens.c0:.6g} / depth + {lens.c1:.6g} px (c0, c1), focused at {lens.focus_distance:.6g}"
 
 
 def placement(samples: SampleBuffer) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""``fewrays reconstruct``: samples in, image out, with any method.
+"""``fewrays reconstruct``: samples, or what a method has prepared of them, in; image out.
 
 ``--method`` is an ordinary flag, yet it decides which other flags there are: it is looked up first, and the
 parser is then built with that method's options dataclass. The flags cannot drift apart from the API.
@@ -20,14 +20,15 @@ from fewrays.cli.command import (
     InputFlags,
     SamplesFile,
     check_output,
-    report,
+    report_file,
     stopwatch,
 )
 from fewrays.cli.methods import DEFAULT_METHOD, provenance
+from fewrays.cli.source import open_source
 from fewrays.errors import SampleError
 from fewrays.io import save_image
 from fewrays.parallel import Execution
-from fewrays.reconstruct import METHODS, find_method, run_method
+from fewrays.reconstruct import METHODS, find_method
 
 __all__ = ["Reconstruct"]
 
@@ -43,7 +44,7 @@ class Reconstruct(Command, Generic[Options]):
     Parameters
     ----------
     samples
-        The samples: .npz, version 1.3 (.tlfr, .bin, .txt), or deep .exr.
+        The samples: .npz, version 1.3 (.tlfr, .bin, .txt), or deep .exr. Or the .planes of 'fewrays planes'.
     out
         The image to write: .exr (linear, with provenance in its header), .png (sRGB) or .npy.
     method
@@ -62,6 +63,7 @@ class Reconstruct(Command, Generic[Options]):
         "fewrays reconstruct samples.npz --out clean.exr",
         "fewrays reconstruct samples.npz --out clean.png --exposure 1 --focus-distance 3.5",
         "fewrays reconstruct samples.npz --out box.exr --method box",
+        "fewrays reconstruct scene.planes --out closer.exr --focus-distance 2.5",
     )
 
     samples: SamplesFile
@@ -89,14 +91,14 @@ class Reconstruct(Command, Generic[Options]):
             raise SampleError("is not a directory", file=self.aovs)
         method = find_method(self.method)
         execution = Execution(self.device, self.threads, progress=True, aovs=self.aovs is not None)
-        samples = self.input.load(self.samples)
+        source = open_source(self.samples, method, self.input)
         with stopwatch() as watch:
-            result = run_method(samples, method, self.options, execution)
-        notes = provenance(method, self.options, samples.lens, self.samples)
+            result = source.renderer(self.options, execution)(source.lens)
+        notes = provenance(method, self.options, source.lens, self.samples)
         save_image(self.out, result.image, exposure=self.exposure, provenance=notes)
         if self.aovs is not None:
             save_aovs(self.aovs, result.aovs, notes)
-        report(method.name, samples, watch, self.out)
+        report_file(method.name, source.size, watch, self.out)
 
 
 def save_aovs(directory: Path, aovs: Mapping[str, npt.NDArray[Any]], notes: Mapping[str, str]) -> None:

@@ -1,7 +1,7 @@
 """``fewrays refocus``: a rack-focus sequence from one file of samples.
 
 The samples stay as they are; every frame looks at them through a lens that is focused elsewhere (temporal,
-section 6 and Figure 13).
+section 6 and Figure 13). What a method can do before it knows the lens, it does once for all frames.
 """
 
 from __future__ import annotations
@@ -24,12 +24,13 @@ from fewrays.cli.sequence import (
     is_animation,
     save_animation,
 )
+from fewrays.cli.source import Source, open_source
 from fewrays.display import tone_map
 from fewrays.errors import SampleError
 from fewrays.io import save_image
 from fewrays.method import Image
 from fewrays.parallel import Execution, progress_bar
-from fewrays.reconstruct import METHODS, find_method, run_method
+from fewrays.reconstruct import METHODS, find_method
 from fewrays.samples import SampleBuffer
 
 __all__ = ["Refocus", "depth_at"]
@@ -47,7 +48,7 @@ class Refocus(Command, Generic[Options]):
     Parameters
     ----------
     samples
-        The samples: .npz, version 1.3 (.tlfr, .bin, .txt), or deep .exr.
+        The samples: .npz, version 1.3 (.tlfr, .bin, .txt), or deep .exr. Or the .planes of 'fewrays planes'.
     out
         Images (.png, .exr, .npy): frame.png gives frame.0001.png and so on; %03d or {} in the name stands for
         the frame's number. Or one animation (.gif, .webp).
@@ -57,7 +58,7 @@ class Refocus(Command, Generic[Options]):
         Depth of the focal plane in the last frame.
     focus_at
         Column and row of a pixel: focus on the nearest surface there. Given twice it says both ends, given
-        once the end that --from or --to does not.
+        once the end that --from or --to does not. Needs samples.
     frames
         Number of images, at least 2; evenly spaced in 1 / distance.
     ease
@@ -98,23 +99,23 @@ class Refocus(Command, Generic[Options]):
     def run(self) -> None:
         """Load, then reconstruct and save frame by frame."""
         self._check()
-        samples = self.input.load(self.samples)
-        if samples.lens.c0 == 0:
+        source = open_source(self.samples, find_method(self.method), self.input)
+        if source.lens.c0 == 0:
             raise SampleError("is a pinhole, for which everything is in focus", field="lens")
-        distances = focus_distances(*self._ends(samples), self.frames, self.ease)
+        distances = focus_distances(*self._ends(source), self.frames, self.ease)
         with stopwatch() as watch:
             if is_animation(self.out):
-                pictures = [tone_map(image, self.exposure) for image, _ in self._images(samples, distances)]
+                pictures = [tone_map(image, self.exposure) for image, _ in self._images(source, distances)]
                 save_animation(self.out, pictures, self.fps)
                 written = str(self.out)
             else:
                 paths = [frame_path(self.out, number) for number in range(1, self.frames + 1)]
-                for path, (image, notes) in zip(paths, self._images(samples, distances), strict=True):
+                for path, (image, notes) in zip(paths, self._images(source, distances), strict=True):
                     save_image(path, image, exposure=self.exposure, provenance=notes)
                 written = f"{paths[0]} ... {paths[-1].name}"
         print(
             f"{self.method}: {self.frames} frames focused at {distances[0]:.6g} to {distances[-1]:.6g}, "
-            f"{samples.width} x {samples.height}, {samples.spp} spp, {watch.seconds:.2f} s -> {written}"
+            f"{source.size}, {watch.seconds:.2f} s -> {written}"
         )
 
     def _check(self) -> None:
@@ -129,10 +130,16 @@ class Refocus(Command, Generic[Options]):
                 field="focus_at",
             )
 
-    def _ends(self, samples: SampleBuffer) -> tuple[float, float]:
+    def _ends(self, source: Source) -> tuple[float, float]:
         """Return the focus distances of the first and the last frame."""
-        own = samples.lens.focus_distance
-        seen = [depth_at(samples, column, row) for column, row in self.focus_at]
+        own = source.lens.focus_distance
+        if self.focus_at and source.samples is None:
+            raise SampleError(
+                "needs samples to find a depth; give distances with --from and --to",
+                file=self.samples,
+                field="focus_at",
+            )
+        seen = [depth_at(source.samples, *pixel) for pixel in self.focus_at if source.samples is not None]
         first, last = self.from_, self.to
         if len(seen) == 2:
             first, last = seen
@@ -142,17 +149,14 @@ class Refocus(Command, Generic[Options]):
             first = seen[0]
         return (own if first is None else first, own if last is None else last)
 
-    def _images(
-        self, samples: SampleBuffer, distances: Sequence[float]
-    ) -> Iterator[tuple[Image, dict[str, str]]]:
+    def _images(self, source: Source, distances: Sequence[float]) -> Iterator[tuple[Image, dict[str, str]]]:
         """Yield each frame's image and how it was made."""
         method = find_method(self.method)
-        execution = Execution(self.device, self.threads)
-        lenses = [samples.lens.refocus(distance) for distance in distances]
+        lenses = [source.lens.refocus(distance) for distance in distances]
         with progress_bar(len(lenses), "refocus", show=True, unit="frame") as bar:
+            render = source.renderer(self.options, Execution(self.device, self.threads))
             for lens in lenses:
-                result = run_method(samples.with_lens(lens), method, self.options, execution)
-                yield result.image, provenance(method, self.options, lens, self.samples)
+                yield render(lens).image, provenance(method, self.options, lens, self.samples)
                 bar.update()
 
 

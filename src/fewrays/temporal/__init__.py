@@ -15,9 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fewrays.aperture import Aperture
+from fewrays.aperture_options import ApertureOptions
 from fewrays.errors import require_option
-from fewrays.lens import Lens
 from fewrays.method import Method, Reconstruction
 from fewrays.parallel import Execution
 from fewrays.pixel_filter import PixelFilter, PixelFilterShape
@@ -34,7 +33,7 @@ _TILE = 32
 
 
 @dataclass(frozen=True, kw_only=True)
-class TemporalOptions:
+class TemporalOptions(ApertureOptions):
     """Options of ``method="temporal"``."""
 
     locations: int = 128
@@ -43,12 +42,6 @@ class TemporalOptions:
     """Pixel filter."""
     sigma_pix: float = 0.5
     """Standard deviation of the Gaussian pixel filter, in pixels."""
-    blades: int = 0
-    """Blades of the aperture, 3 to 64: the corners of its polygon; 0 for that of the samples' lens."""
-    rotation: float = 0.0
-    """Direction of the polygon's first corner, in degrees."""
-    roundness: float = 0.0
-    """Curvature of the polygon's sides: 0 for straight ones, 1 for those of a disc."""
     shutter: tuple[float, float] = (0.0, 1.0)
     """When the shutter opens and closes, in [0, 1] over the shutter of the samples."""
     shutter_response: ShutterResponse = "box"
@@ -76,13 +69,7 @@ class TemporalOptions:
         )
         self.open_shutter()
         self.filter_of_pixels()
-        self.aperture_of(Lens(-1.0, 1.0))
-
-    def aperture_of(self, lens: Lens) -> Aperture:
-        """Return the aperture to integrate over."""
-        if self.blades == 0:
-            return Aperture.of_lens(lens)
-        return Aperture("polygon", lens.sigma, self.blades, self.rotation, self.roundness)
+        super().__post_init__()
 
     def filter_of_pixels(self) -> PixelFilter:
         """Return the pixel filter."""

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fewrays import _native
+from fewrays.native_view import view_light_field
 from fewrays.samples import SampleBuffer
 from fewrays.temporal.plan import SurfaceRule
 
@@ -35,25 +36,8 @@ class Hierarchy:
     """
 
     def __init__(self, samples: SampleBuffer, rule: SurfaceRule) -> None:
-        count = samples.depth.size
-
-        def flat(values: npt.NDArray[np.float32] | None, *channels: int) -> npt.NDArray[np.float32] | None:
-            return None if values is None else values.reshape(count, *channels)
-
-        moving = samples.motion is not None and bool(samples.motion.any())
-        field = _native.LightField(
-            xy=samples.xy.reshape(count, 2),
-            uv=samples.uv.reshape(count, 2),
-            depth=samples.depth.reshape(count),
-            color=samples.color.reshape(count, 3),
-            time=flat(samples.time) if moving else None,
-            motion=flat(samples.motion, 3) if moving else None,
-            bandwidth=flat(samples.bandwidth),
-            c0=samples.lens.c0,
-            c1=samples.lens.c1,
-        )
         self.native = _native.SampleTree(
-            field,
+            view_light_field(samples),
             _native.TreeRule(
                 bin=_BIN,
                 most_samples=_BUCKET,

@@ -35,6 +35,7 @@ _POOL = 2.0  # width of what is judged together, in widths of the correction
 _LEAST_NOISE = 1.0  # in units of the image's median: pixels of less weigh no more
 _BEARABLE = 0.15  # noise in shares of the radiance that is as bad as what it may correct
 _NOISE = 0.5  # share of its expected noise by which a difference is reduced
+_LEAST_LEFT = 0.5  # share of a radiance that a correction leaves
 _NEAR = 1.0  # pixels: standard deviation of the neighbourhood that tells the noise of single samples
 _CHUNK = 2**19  # samples that are averaged at a time
 
@@ -125,7 +126,9 @@ def correct(image: Image, samples: SampleMean, sigma: float) -> Image:
     bearable = _BEARABLE**2 * light
     share *= np.divide(bearable, bearable + expected, out=np.zeros_like(light), where=bearable > 0)
     corrected = image + np.maximum(share, 0) * difference
-    result: Image = np.maximum(corrected, np.minimum(image, 0)).astype(np.float32)
+    # What spills over from a bright neighbour must not blacken what is dark.
+    least = np.where(image > 0, _LEAST_LEFT * image, image)
+    result: Image = np.maximum(corrected, least).astype(np.float32)
     return result
 
 

@@ -1,0 +1,91 @@
+// The multiplane method's CPU kernels, one thread. Twin of src/fewrays/multiplane/reference.py.
+//
+// A plane is a sparse map, at the lens centre, of radiance and opacity. From lens point (u, v) at time t it is seen
+// shifted by slope (u, v) + motion (t - 1/2) pixels. It is cut into blocks, of which only those with samples are kept.
+#pragma once
+
+#include <cstdint>
+
+#include "half.h"
+#include "math/cats_eye.h"
+#include "sample_tree.h"
+
+namespace fewrays {
+
+constexpr int block_columns = 32, block_rows = 8;  // a block's size in pixels
+constexpr int most_cells = 3;                      // per pixel and axis
+
+struct DepthPlane {
+    float slope, motion_x, motion_y;  // pixels per lens unit; pixels per shutter interval
+    float smoothing;                  // standard deviation of what is smoothed over, in pixels
+    std::int32_t cells;               // per pixel and axis, 1 to most_cells
+    std::int32_t left, top;           // of the first block, in pixels
+    std::int32_t columns, rows;       // of blocks
+    std::int32_t first_slot;          // of the blocks, row by row
+};
+
+// Halves that a block of a plane takes, in units of those of one cell per pixel: (cells, cells) interleaved maps, each
+// of four channels of block_rows + 1 by block_columns + 1 values. The last row and column repeat the neighbours'.
+constexpr std::int64_t unit_halves = std::int64_t{4} * (block_rows + 1) * (block_columns + 1);
+
+// Halves before the first block and after the last: pixels are read sixteen at a time, some of them outside the block.
+constexpr std::int64_t half_padding = 64;
+
+struct PlaneSet {
+    const DepthPlane* planes;  // front to back
+    int count;
+    const std::int32_t* slots;  // of each block, the place of its halves in units; -1 without one
+    float most_blur;            // samples of larger slopes, in size, count as such
+};
+
+// Samples of one run: where they lie in the image, and which planes they hit.
+struct Run {
+    float x_min, x_max, y_min, y_max;
+    std::int32_t first_plane, last_plane;  // none where the last comes before the first
+};
+
+// Marks the blocks that samples touch: `marks` has a place for every slot. `reach` takes, for every plane, how far from
+// its image position a sample hits it, in pixels. Samples of plane -1 are left out.
+void multiplane_mark(const LightField& field, const std::int16_t* plane_of, const PlaneSet& set, std::uint8_t* marks,
+                     float* reach);
+
+// Describes runs of `length` samples each, [first, last).
+void multiplane_runs(const LightField& field, const std::int16_t* plane_of, int length, int first, int last, Run* runs);
+
+struct BuildPlan {
+    int run_length, run_count;
+    const Run* runs;
+    const float* reach;  // of each plane
+    float prior;         // samples that a neighbourhood's estimate counts as
+    float scale;         // of radiance, so that half precision holds it
+};
+
+// A part of a plane that is built at once: rows of blocks [first_row, last_row).
+struct BuildPart {
+    std::int32_t plane, first_row, last_row;
+};
+
+void multiplane_build(const LightField& field, const std::int16_t* plane_of, const PlaneSet& set, const BuildPlan& plan,
+                      const BuildPart& part, Half* halves);
+
+// What every pixel is the mean of.
+struct ViewSet {
+    int count;
+    const float* views;   // (count, 6): u, v, time, offset from the pixel's centre (x, y), weight
+    const float* shrink;  // (planes,): scale of offsets and lens points, which makes up for the maps' own blur
+    FrontRim rim;         // of the lens
+    bool vignetted, darken;
+};
+
+struct RenderTarget {
+    int height, width;
+    float scale;   // of radiance
+    float* image;  // (H, W, 4): radiance, and the share of the light that planes account for
+};
+
+// Renders rows of tiles [first, last), each tile_rows pixels high.
+constexpr int tile_rows = 16, tile_columns = 64;
+void multiplane_render(const PlaneSet& set, const Half* halves, const ViewSet& views, int first, int last,
+                       const RenderTarget& target);
+
+}  // namespace fewrays

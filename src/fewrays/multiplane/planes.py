@@ -1,0 +1,167 @@
+"""`Multiplane`: planes that are made of samples once, and any number of images that are made of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from fewrays.errors import SampleError
+from fewrays.lens import Lens
+from fewrays.multiplane.build import BuildOptions, build_maps
+from fewrays.multiplane.files import load_maps, save_maps
+from fewrays.multiplane.maps import Maps
+from fewrays.multiplane.render import RenderOptions, render_maps
+from fewrays.parallel import Execution
+from fewrays.samples import SampleBuffer
+
+__all__ = ["Multiplane"]
+
+Options = TypeVar("Options", BuildOptions, RenderOptions)
+
+
+@dataclass(frozen=True, eq=False)
+class Multiplane:
+    """Maps of radiance and opacity by depth, made of samples once, for any number of images.
+
+    Building takes most of the time, and rendering an image little: for any focus, aperture and shutter that
+    the samples cover. Make one with `Multiplane.build` or `Multiplane.load`.
+
+    Parameters
+    ----------
+    maps : Maps
+        The planes from front to back.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> rng = np.random.default_rng(1)
+    >>> pixels = np.stack(np.meshgrid(np.arange(4), np.arange(3)), axis=-1)[:, :, None, :]
+    >>> samples = SampleBuffer(
+    ...     xy=pixels + rng.random((3, 4, 8, 2)),
+    ...     uv=rng.uniform(-0.7, 0.7, (3, 4, 8, 2)),
+    ...     depth=np.full((3, 4, 8), 8.0),
+    ...     color=np.ones((3, 4, 8, 3)),
+    ...     lens=Lens(-10.0, 2.0),
+    ... )
+    >>> planes = Multiplane.build(samples)
+    >>> planes.render(planes.lens.refocus(8.0), views=32).round(3).max()
+    np.float32(1.0)
+    """
+
+    maps: Maps
+
+    @classmethod
+    def build(cls, samples: SampleBuffer, **options: Any) -> Multiplane:
+        """Sort samples into planes and estimate each plane's radiance and opacity.
+
+        Parameters
+        ----------
+        samples : SampleBuffer
+        **options
+            The fields of `fewrays.multiplane.BuildOptions`, and `threads` and `progress` as for
+            `fewrays.reconstruct`.
+
+        Returns
+        -------
+        Multiplane
+
+        Raises
+        ------
+        SampleError
+            For options out of range.
+        """
+        return cls(build_maps(samples, *split_options(BuildOptions, options)))
+
+    def render(self, lens: Lens | None = None, **options: Any) -> npt.NDArray[np.float32]:
+        """Make an image.
+
+        Parameters
+        ----------
+        lens : Lens, optional
+            Focus, lens radius and aperture of the image: that of the samples unless given, or what
+            ``planes.lens.refocus(…)`` returns. Through a larger lens than that of the samples, what none of
+            them saw is missing: there the planes continue what they know.
+        **options
+            The fields of `fewrays.multiplane.RenderOptions`, and `threads` and `progress` as for
+            `fewrays.reconstruct`.
+
+        Returns
+        -------
+        ndarray of float32, (H, W, 3)
+            Radiance.
+
+        Raises
+        ------
+        SampleError
+            For options out of range, or a lens that these planes cannot be seen through.
+        """
+        image = render_maps(self.maps, lens, *split_options(RenderOptions, options))
+        return np.ascontiguousarray(image[..., :3])
+
+    def save(self, path: str | Path) -> None:
+        """Write one compact file, ``.planes``.
+
+        Raises
+        ------
+        SampleError
+            When the file cannot be written.
+        """
+        save_maps(path, self.maps)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Multiplane:
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        SampleError
+            For a file that is missing, of another kind or damaged.
+        """
+        return cls(load_maps(path))
+
+    @property
+    def lens(self) -> Lens:
+        """The lens of the samples."""
+        return self.maps.lens
+
+    @property
+    def height(self) -> int:
+        """Image height in pixels."""
+        return self.maps.height
+
+    @property
+    def width(self) -> int:
+        """Image width in pixels."""
+        return self.maps.width
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that the maps take."""
+        return self.maps.nbytes
+
+    def __repr__(self) -> str:
+        return (
+            f"Multiplane({self.width} x {self.height} pixels, {self.maps.plane_count} planes, "
+            f"{self.nbytes / (self.width * self.height):.0f} bytes a pixel)"
+        )
+
+
+def split_options(kind: type[Options], given: dict[str, Any]) -> tuple[Options, Execution]:
+    """Make an options object and an `Execution` out of keyword arguments.
+
+    Raises
+    ------
+    SampleError
+        For a name that neither has, or a value out of range.
+    """
+    execution = {name: given[name] for name in ("threads", "progress") if name in given}
+    own = {name: value for name, value in given.items() if name not in execution}
+    names = [field.name for field in fields(kind)]
+    unknown = sorted(set(own) - set(names))
+    if unknown:
+        raise SampleError(f"no option {unknown[0]!r}; there are {', '.join(names)}", field=unknown[0])
+    return kind(**own), Execution(**execution)

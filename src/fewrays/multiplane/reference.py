@@ -1,0 +1,422 @@
+"""The multiplane method in plain NumPy, float64: the definition of what the native kernels compute.
+
+A surface of slope C moves over the screen by M pixels while the shutter is open. If the lens centre sees it
+at p at half time, it is seen from the lens point u at the time t at ``p + C u + M (t - 1/2)``. So one map,
+as the lens centre sees it, holds the image of a surface from everywhere. The method makes such maps of
+samples (`build`), and images of the maps (`render`):
+
+1. **Planes.** Samples are sorted by slope and motion into thin planes (`slabs`), front to back.
+2. **Evidence.** A ray *hits* the plane of the surface that it ends at, *passes* those in front of it, and
+   says nothing of those behind. It is shared out among the four cells around the place where it crosses a
+   plane (`_Window.share_out`).
+3. **Estimate.** Hits over hits and passes is the opacity of a cell, and the mean of the hits its radiance.
+   Where few rays cross, both are drawn towards those of wider and wider neighbourhoods (`_estimate`). Planes
+   that are blurred anyway are smoothed a little (`_smooth`).
+4. **Views.** From each lens point, at each time, the planes are laid behind one another, front to back
+   (layered, Eq. 33), and the mean of these views is the image (`render`).
+
+The kernels differ in four respects. They store maps in half precision. They stop compositing 16 neighbouring
+pixels when less than 1 % shines through to any of them: what is missing then counts as what was seen, as
+everywhere. They compute in single precision, so that a sample on the border of two blocks may count for the
+other. And they estimate wide planes in regions of 192 cells with 32 more around them. That gives the same but
+for what a region's last blocks repeat of the next region, and what smoothing reads there: the neighbourhoods
+of those cells are cut off.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from fewrays.lens import Lens
+from fewrays.multiplane.build import BuildOptions, lay_out
+from fewrays.multiplane.maps import BLOCK, Shear
+from fewrays.multiplane.render import RenderOptions, shrink_of
+from fewrays.multiplane.slabs import assign_planes
+from fewrays.parallel import Execution, progress_bar
+from fewrays.samples import SampleBuffer
+from fewrays.temporal.reprojection import Paths
+
+if TYPE_CHECKING:
+    from fewrays.multiplane import MultiplaneOptions
+
+__all__ = ["LEAST_SEEN", "LEVELS", "Plane", "Planes", "build", "reconstruct", "render"]
+
+Bools = npt.NDArray[np.bool_]
+Float32 = npt.NDArray[np.float32]
+Float64 = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+LEVELS = 5
+"""How many times neighbourhoods double in width: the widest have 2^5 by 2^5 cells."""
+
+LEAST_SEEN = 1e-3
+"""Opacity of all planes together below which a view tells nothing of a pixel."""
+
+_WIDEST = 2**LEVELS
+_KEPT_AROUND = 2  # cells: a sample reaches one to each side, and interpolation one more
+_LEAST_SIGMA = 0.3  # cells; a Gaussian narrower than that has no second tap to speak of
+_SIGMAS = 3  # standard deviations where the Gaussian ends
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Opacity and radiance of one plane, as the lens centre sees it at half time.
+
+    Parameters
+    ----------
+    slope : float
+        Pixels by which it moves over the screen per lens unit.
+    motion : ndarray, (2,)
+        Pixels by which it moves while the shutter is open.
+    cells : int
+        Per pixel and axis.
+    corner : ndarray, (2,)
+        Image position (x, y) of the corner of the map's first cell, in pixels.
+    kept : ndarray of bool, (R, C)
+        Which cells lie in blocks that samples hit. Elsewhere the plane counts as empty.
+    layer : ndarray, (R, C, 4)
+        Opacity, and radiance times opacity.
+    """
+
+    slope: float
+    motion: Float64
+    cells: int
+    corner: Float64
+    kept: Bools
+    layer: Float64
+
+    def seen_at(self, xy: npt.NDArray[np.floating]) -> Float64:
+        """Return opacity and premultiplied radiance (…, 4) at positions (…, 2) as the lens centre sees them.
+
+        Interpolates between four cells. Whether the plane is there is up to the first of them: blocks are
+        stored with the cells that follow on them.
+        """
+        place = (xy - self.corner) * self.cells - 0.5
+        first = np.floor(place).astype(np.int64)
+        right, down = np.moveaxis(place - first, -1, 0)[..., None]
+        column, row = np.moveaxis(first, -1, 0)
+        # The blocks kept are far from the rim of the map.
+        inside = (column >= 0) & (column < self.kept.shape[1]) & (row >= 0) & (row < self.kept.shape[0])
+        column, row = np.where(inside, column, 0), np.where(inside, row, 0)
+        inside &= self.kept[row, column]
+        column, row = np.where(inside, column, 0), np.where(inside, row, 0)
+        above = (1 - right) * self.layer[row, column] + right * self.layer[row, column + 1]
+        below = (1 - right) * self.layer[row + 1, column] + right * self.layer[row + 1, column + 1]
+        seen: Float64 = np.where(inside[..., None], (1 - down) * above + down * below, 0.0)
+        return seen
+
+
+@dataclass(frozen=True)
+class Planes:
+    """All planes, front to back.
+
+    Parameters
+    ----------
+    height, width : int
+        Image size in pixels.
+    lens : Lens
+        Of the samples.
+    shear : Shear
+        Slopes, motions and smoothing of the planes as `render.shrink_of` wants them.
+    planes : sequence of Plane
+    """
+
+    height: int
+    width: int
+    lens: Lens
+    shear: Shear
+    planes: Sequence[Plane]
+
+
+def reconstruct(
+    samples: SampleBuffer, options: MultiplaneOptions, execution: Execution | None = None
+) -> Float64:
+    """Make an image of samples, in the two steps of the method.
+
+    Parameters
+    ----------
+    samples : SampleBuffer
+    options : MultiplaneOptions
+    execution : Execution, optional
+        For its progress bars.
+
+    Returns
+    -------
+    ndarray, (H, W, 4)
+        Radiance, and the share of the light whose origin the planes know.
+    """
+    execution = execution or Execution()
+    return render(build(samples, options, execution), None, options, execution)
+
+
+# From samples to planes.
+
+
+def build(samples: SampleBuffer, options: BuildOptions, execution: Execution) -> Planes:
+    """Sort samples into planes and estimate each plane's opacity and radiance."""
+    rule = options.slab_rule(samples)
+    assignment = assign_planes(samples, rule)
+    shear, grid = lay_out(assignment, samples, options)
+    rays = _Rays.of_samples(samples, rule.most_blur)
+    planes = []
+    with progress_bar(len(shear.slope), "multiplane: build", show=execution.progress, unit="plane") as bar:
+        for k, (slope, motion) in enumerate(zip(shear.slope, shear.motion, strict=True)):
+            cells, smoothing = int(grid.cells[k]), float(shear.smoothing[k])
+            hit, passing = (
+                np.flatnonzero(which) for which in (assignment.plane_of == k, assignment.plane_of > k)
+            )
+            hits = rays.at_centre[hit]
+            window = _Window.around(hits, cells, grid.corner[k], grid.shape[k])
+            passes = rays.xy[passing] - slope * rays.uv[passing] - motion * (rays.time[passing] - 0.5)
+            hit_sums = window.share_out(hits, np.column_stack([np.ones(len(hit)), rays.color[hit]]))
+            pass_sums = window.share_out(passes, np.ones((len(passing), 1)))
+            # Where nothing is kept nothing was hit, though no pass was counted either.
+            layer = window.kept[..., None] * _estimate(hit_sums, pass_sums, options.prior)
+            layer = _smooth(layer, smoothing * cells)
+            planes.append(Plane(float(slope), motion, cells, window.corner, window.kept, layer))
+            bar.update()
+    return Planes(samples.height, samples.width, samples.lens, shear, planes)
+
+
+@dataclass(frozen=True)
+class _Rays:
+    """What is known of N rays.
+
+    Parameters
+    ----------
+    xy, uv : ndarray, (N, 2)
+        Where they pass the image, in pixels, and the lens.
+    time : ndarray, (N, 1)
+        When; at half time where nothing moves.
+    color : ndarray, (N, 3)
+        Radiance.
+    at_centre : ndarray, (N, 2)
+        Where the lens centre sees what they hit, at half time.
+    """
+
+    xy: Float64
+    uv: Float64
+    time: Float64
+    color: Float64
+    at_centre: Float64
+
+    @classmethod
+    def of_samples(cls, samples: SampleBuffer, most_blur: float) -> _Rays:
+        count = samples.depth.size
+        time = np.full((count, 1), 0.5) if samples.time is None else samples.time.reshape(-1, 1)
+        paths = Paths.of_samples(samples)
+        # What is behind the camera at half time counts where it would be at its own depth.
+        at_centre = paths.start[:, :2] / samples.depth.reshape(-1, 1)
+        half = paths.seen_from(0.0, 0.0, 0.5)
+        at_centre[half.sample] = half.xy
+        xy, uv = (array.reshape(-1, 2).astype(np.float64) for array in (samples.xy, samples.uv))
+        slope = samples.lens.slope(samples.depth.astype(np.float64)).reshape(-1, 1)
+        at_centre += (slope - np.clip(slope, -most_blur, most_blur)) * uv
+        color = samples.color.reshape(-1, 3).astype(np.float64)
+        return cls(xy, uv, time.astype(np.float64), color, at_centre)
+
+
+@dataclass(frozen=True)
+class _Window:
+    """The part of a plane that is estimated: the blocks that samples hit, and a widest neighbourhood around.
+
+    Parameters
+    ----------
+    corner : ndarray, (2,)
+        Image position (x, y) of its corner, in pixels.
+    cells : int
+        Per pixel and axis.
+    kept : ndarray of bool, (R, C)
+        Which cells lie in blocks that samples hit; R and C are multiples of the widest neighbourhood's width.
+    """
+
+    corner: Float64
+    cells: int
+    kept: Bools
+
+    @classmethod
+    def around(cls, hits: Float64, cells: int, corner: npt.ArrayLike, shape: npt.ArrayLike) -> _Window:
+        """Put a window around hits (N, 2), of the plane that has its corner and blocks (x, y) there."""
+        block = np.array(BLOCK[::-1])
+        reach = _KEPT_AROUND / cells
+        origin, most = np.asarray(corner, np.float64), np.asarray(shape, np.int64) - 1
+        first, last = (np.floor((hits + sign * reach - origin) / block).astype(np.int64) for sign in (-1, 1))
+        first, last = np.maximum(first, 0), np.minimum(last, most)
+        within = (first <= last).all(axis=1)
+        first, last = first[within], last[within]
+        if len(first) == 0:
+            return cls(origin, cells, np.zeros((_WIDEST, _WIDEST), np.bool_))
+        # In cells, with all of the coarsest cells that the blocks touch and one more on every side.
+        begin = first.min(axis=0) * block * cells // _WIDEST * _WIDEST - _WIDEST
+        end = -(-(last.max(axis=0) + 1) * block * cells // _WIDEST) * _WIDEST + _WIDEST
+        kept = np.zeros((end - begin)[::-1], np.bool_)
+        for left, top in _blocks_between(first, last) * block * cells - begin:
+            kept[top : top + block[1] * cells, left : left + block[0] * cells] = True
+        return cls(origin + begin / cells, cells, kept)
+
+    def share_out(self, places: Float64, values: Float64) -> Float64:
+        """Share values (N, V) out among the four cells around places (N, 2), as bilinear weights; (R, C, V).
+
+        What falls outside the blocks that are kept is lost.
+        """
+        shared = np.zeros((*self.kept.shape, values.shape[1]))
+        place = (places - self.corner) * self.cells - 0.5
+        first: Indices = np.floor(place).astype(np.int64)
+        rest = place - first
+        for step in np.ndindex(2, 2):
+            column, row = (first + step).T
+            weight = np.where(step, rest, 1 - rest).prod(axis=1)
+            inside = (column >= 0) & (column < self.kept.shape[1]) & (row >= 0) & (row < self.kept.shape[0])
+            column, row = column[inside], row[inside]
+            np.add.at(shared, (row, column), weight[inside, None] * values[inside])
+        shared[~self.kept] = 0.0
+        return shared
+
+
+def _blocks_between(first: Indices, last: Indices) -> Indices:
+    """Return the distinct blocks (B, 2) among the up to 2 x 2 from `first` to `last`, (N, 2), of each hit."""
+    corners = [np.where(step, last, first) for step in np.ndindex(2, 2)]
+    blocks: Indices = np.unique(np.concatenate(corners), axis=0)
+    return blocks
+
+
+def _estimate(hits: Float64, passes: Float64, prior: float) -> Float64:
+    """Estimate opacity and premultiplied radiance of cells, from the widest neighbourhoods to single cells.
+
+    In each neighbourhood the estimate is that of the next wider ones, interpolated, counted as `prior` rays,
+    and what its own rays say.
+
+    Parameters
+    ----------
+    hits : ndarray, (R, C, 4)
+        Number of rays that hit each cell, and the sums of their radiance.
+    passes : ndarray, (R, C, 1)
+        Number of rays that passed each cell.
+    prior : float
+
+    Returns
+    -------
+    ndarray, (R, C, 4)
+    """
+    evidence = [np.concatenate([hits, hits[..., :1] + passes], axis=2)]
+    for _ in range(LEVELS):
+        evidence.append(_halved(evidence[-1]))
+    hit, radiance, total = np.split(evidence.pop(), [1, 4], axis=2)
+    opacity = np.divide(hit, total, out=np.zeros_like(hit), where=total > 0)
+    color = np.divide(radiance, hit, out=np.zeros_like(radiance), where=hit > 0)
+    known = (hit > 0).astype(np.float64)  # radiance is known only where something was hit
+    while evidence:
+        hit, radiance, total = np.split(evidence.pop(), [1, 4], axis=2)
+        opacity = (hit + prior * _doubled(opacity)) / (total + prior)
+        nearby = _doubled(known)
+        around = np.divide(_doubled(color), nearby, out=np.zeros_like(radiance), where=nearby > 0)
+        weight = hit + prior * (nearby > 0)
+        shrunk = radiance + prior * around
+        color = np.divide(shrunk, weight, out=np.zeros_like(radiance), where=weight > 0)
+        known = ((nearby > 0) | (hit > 0)).astype(np.float64)
+    return np.concatenate([opacity, opacity * color], axis=2)
+
+
+def _halved(fine: Float64) -> Float64:
+    """Sum 2 x 2 cells of a map (R, C, V)."""
+    rows, columns, values = fine.shape
+    coarse: Float64 = fine.reshape(rows // 2, 2, columns // 2, 2, values).sum(axis=(1, 3))
+    return coarse
+
+
+def _doubled(coarse: Float64) -> Float64:
+    """Interpolate a map (R, C, V) linearly at the centres of half as wide cells, (2R, 2C, V)."""
+    for axis in (0, 1):
+        along = np.moveaxis(coarse, axis, 0)
+        before, after = np.concatenate([along[:1], along[:-1]]), np.concatenate([along[1:], along[-1:]])
+        fine = np.stack([0.75 * along + 0.25 * before, 0.75 * along + 0.25 * after], axis=1)
+        coarse = np.moveaxis(fine.reshape(-1, *along.shape[1:]), 0, axis)
+    return coarse
+
+
+def _smooth(layer: Float64, sigma: float) -> Float64:
+    """Convolve a map (R, C, V) with a Gaussian of a standard deviation in cells."""
+    if sigma <= _LEAST_SIGMA:
+        return layer
+    reach = min(math.ceil(_SIGMAS * sigma), _WIDEST)
+    taps = np.exp(-0.5 * np.square(np.arange(-reach, reach + 1) / sigma))
+    taps /= taps.sum()
+    for axis in (0, 1):
+        along = np.moveaxis(layer, axis, 0)
+        padded = np.pad(along, [(reach, reach), (0, 0), (0, 0)], mode="edge")
+        blurred = sum(tap * padded[k : k + len(along)] for k, tap in enumerate(taps))
+        layer = np.moveaxis(np.asarray(blurred), 0, axis)
+    return layer
+
+
+# From planes to images.
+
+
+def render(planes: Planes, lens: Lens | None, options: RenderOptions, execution: Execution) -> Float64:
+    """Make an image of planes, seen through another lens if one is given; see `fewrays.Multiplane.render`.
+
+    Returns
+    -------
+    ndarray, (H, W, 4)
+        Radiance, and the share of the light whose origin the planes know.
+    """
+    planes = planes if lens is None else _through(planes, lens)
+    where = options.locations(planes.lens)
+    shrink = shrink_of(planes.shear, np.array([plane.cells for plane in planes.planes]), where)
+    rim = options.vignetting().front_rim(where.uv, planes.height, planes.width)
+    pixels = np.stack(np.meshgrid(np.arange(planes.width), np.arange(planes.height)), axis=-1) + 0.5
+    sums = np.zeros((planes.height, planes.width, 3))
+    known, passing = np.zeros((2, planes.height, planes.width))
+    with progress_bar(where.count, "multiplane: render", show=execution.progress, unit="view") as bar:
+        for uv, time, offset, weight in zip(where.uv, where.t, where.offset, where.weight, strict=True):
+            radiance, opacity = _view(planes, pixels, shrink, uv, float(time), offset)
+            passes = weight * (rim.passes(uv, pixels) if options.cats_eye > 0 else np.ones_like(known))
+            seen = opacity > LEAST_SEEN
+            share = np.divide(passes, opacity, out=np.zeros_like(known), where=seen)
+            sums += share[..., None] * radiance
+            known += np.where(seen, passes, 0.0)
+            passing += passes
+            bar.update()
+    lit = passing if options.darken else np.ones_like(passing)
+    image = np.divide(lit[..., None] * sums, known[..., None], out=sums, where=known[..., None] != 0)
+    return np.dstack([image, np.divide(known, passing, out=np.zeros_like(known), where=passing != 0)])
+
+
+def _through(planes: Planes, lens: Lens) -> Planes:
+    """Change slopes linearly in 1 / depth: ``C' = a C + b`` (temporal, section 6)."""
+    factor = lens.c0 / planes.lens.c0
+    slope = factor * planes.shear.slope + (lens.c1 - factor * planes.lens.c1)
+    moved = [replace(plane, slope=float(c)) for plane, c in zip(planes.planes, slope, strict=True)]
+    return replace(planes, lens=lens, shear=replace(planes.shear, slope=slope), planes=moved)
+
+
+def _view(
+    planes: Planes,
+    pixels: npt.NDArray[np.floating],
+    shrink: Float64,
+    uv: Float32,
+    time: float,
+    offset: Float32,
+) -> tuple[Float64, Float64]:
+    """Lay planes behind one another as one lens point sees them at one time (layered, Eq. 33).
+
+    Returns
+    -------
+    radiance : ndarray, (H, W, 3)
+        Of all that is seen.
+    opacity : ndarray, (H, W)
+        Of all planes together.
+    """
+    radiance, transmittance = np.zeros((*pixels.shape[:2], 3)), np.ones(pixels.shape[:2])
+    for plane, scale in zip(planes.planes, shrink, strict=True):
+        away = scale * (offset - plane.slope * uv) - plane.motion * (time - 0.5)
+        seen = plane.seen_at(pixels + away)
+        radiance += transmittance[..., None] * seen[..., 1:]
+        transmittance *= 1 - seen[..., 0]
+    return radiance, 1 - transmittance

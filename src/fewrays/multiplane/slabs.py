@@ -1,0 +1,152 @@
+"""Which plane a sample belongs to: slabs of the circle of confusion, and of motion where samples move.
+
+Slab k holds the slopes ``C`` with ``k - 1/2 <= s(C) < k + 1/2``, for
+
+    s(C) = sign(C) |C| / w                        where |C| <= L,
+    s(C) = sign(C) (L + L ln(|C| / L)) / w        beyond,
+
+with slabs w pixels thick as long as blur is below L pixels. Beyond, thickness grows with the blur that hides
+it: twice the blur takes ``(L / w) ln 2`` slabs more, however wide it is. One slab has the focal plane in its
+middle.
+
+What moves while the shutter is open is told apart further, by its motion over the screen in cells of a few
+pixels. A plane stands for one slab and one such cell, and is seen from lens point (u, v) at time t shifted by
+
+    C (u, v) + M (t - 1/2),
+
+C being the slab's middle and M the cell's: time is to motion what the lens is to slope.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from fewrays.samples import OFF_IMAGE, SampleBuffer
+from fewrays.temporal.reprojection import Paths
+
+__all__ = ["Assignment", "SlabRule", "assign_planes"]
+
+Float64 = npt.NDArray[np.float64]
+
+_CHUNK = 2**20  # samples that are assigned at a time
+_MOST_PLANES = 2**15 - 1
+_FARTHEST = 512.0  # pixels of motion beyond which cells are not told apart
+
+
+@dataclass(frozen=True)
+class SlabRule:
+    """How slopes and motion are cut into slabs.
+
+    Parameters
+    ----------
+    thickness : float
+        Of slabs near focus, in pixels of blur radius: w.
+    linear_to : float
+        Blur radius in pixels beyond which slabs grow thicker: L.
+    motion_cell : float
+        Side of the cells that tell motion apart, in pixels per shutter interval.
+    most_blur : float
+        Blur radius in pixels above which slopes count as of this one: blur as wide as several images.
+    """
+
+    thickness: float = 0.4
+    linear_to: float = 8.0
+    motion_cell: float = 1.5
+    most_blur: float = 2.0**16
+
+    def coordinate(self, slope: npt.ArrayLike) -> Float64:
+        """Return s(C) for slopes in pixels, of any shape."""
+        slope = np.clip(np.asarray(slope, np.float64), -self.most_blur, self.most_blur)
+        size = np.abs(slope)
+        beyond = self.linear_to * (1 + np.log(np.maximum(size, self.linear_to) / self.linear_to))
+        distance: Float64 = np.where(size <= self.linear_to, size, beyond) / self.thickness
+        signed: Float64 = np.copysign(distance, slope)
+        return signed
+
+    def slope(self, coordinate: npt.ArrayLike) -> Float64:
+        """Return the slope in pixels at coordinates s, of any shape: the inverse of `coordinate`."""
+        coordinate = np.asarray(coordinate, np.float64)
+        distance = np.abs(coordinate) * self.thickness
+        beyond = self.linear_to * np.exp(np.maximum(distance / self.linear_to - 1, 0))
+        size = np.where(distance <= self.linear_to, distance, beyond)
+        signed: Float64 = np.copysign(size, coordinate)
+        return signed
+
+    def index(self, slope: npt.ArrayLike) -> npt.NDArray[np.int64]:
+        """Return the slab that slopes in pixels fall into, of any shape."""
+        slabs: npt.NDArray[np.int64] = np.floor(self.coordinate(slope) + 0.5).astype(np.int64)
+        return slabs
+
+
+@dataclass(frozen=True, eq=False)
+class Assignment:
+    """Planes, and which of them each sample belongs to.
+
+    Parameters
+    ----------
+    plane_of : ndarray of int16, (N,)
+        For samples in the order of the flattened buffer; -1 for those dropped.
+    slope : ndarray, (K,)
+        Of each plane, in pixels: they rise from front to back.
+    motion : ndarray, (K, 2)
+        Over the shutter interval, in pixels.
+    """
+
+    plane_of: npt.NDArray[np.int16]
+    slope: Float64
+    motion: Float64
+
+
+def assign_planes(samples: SampleBuffer, rule: SlabRule) -> Assignment:
+    """Sort samples into planes.
+
+    Cells of motion become larger, twice by twice, when there would be more planes than numbers for them.
+    """
+    count = samples.depth.size
+    moving = samples.motion is not None and bool(samples.motion.any())
+    key = np.empty((count, 3 if moving else 1), np.int32)
+    depth = samples.depth.reshape(-1)
+    for first in range(0, count, _CHUNK):
+        part = slice(first, min(first + _CHUNK, count))
+        key[part, 0] = rule.index(samples.lens.slope(depth[part]))
+    if moving:
+        _assign_moving(samples, rule, key)
+    planes, number = _number_rows(key)
+    if len(planes) > _MOST_PLANES:
+        return assign_planes(samples, replace(rule, motion_cell=2 * rule.motion_cell))
+    plane_of = number.astype(np.int16)
+    plane_of[samples.xy.reshape(-1, 2)[:, 0] <= OFF_IMAGE / 2] = -1
+    motion = np.zeros((len(planes), 2))
+    if moving:
+        motion[:] = planes[:, 1:] * rule.motion_cell
+    return Assignment(plane_of, rule.slope(planes[:, 0]), motion)
+
+
+def _assign_moving(samples: SampleBuffer, rule: SlabRule, key: npt.NDArray[np.int32]) -> None:
+    """Fill in slab and cell of motion, (N, 3), of what the lens centre sees at half time and at both ends."""
+    paths = Paths.of_samples(samples)
+    half, *ends = (paths.seen_from(0.0, 0.0, time) for time in (0.5, 0.0, 1.0))
+    key[half.sample, 0] = rule.index(half.slope)
+    key[:, 1:] = 0
+    opening, closing = ends
+    both, at_open, at_close = np.intersect1d(
+        opening.sample, closing.sample, assume_unique=True, return_indices=True
+    )
+    moved = np.clip(closing.xy[at_close] - opening.xy[at_open], -_FARTHEST, _FARTHEST)
+    key[both, 1:] = np.floor(moved / rule.motion_cell + 0.5)
+
+
+def _number_rows(key: npt.NDArray[np.int32]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
+    """Return the distinct rows in lexical order, and the number of each row among them."""
+    low = key.min(axis=0)
+    spans = key.max(axis=0).astype(np.int64) - low + 1
+    flat = np.zeros(len(key), np.int64)
+    for column, span in zip(range(key.shape[1]), spans, strict=True):
+        flat = flat * span + (key[:, column] - low[column])
+    present = np.flatnonzero(np.bincount(flat, minlength=1)) if spans.prod() < 2**26 else np.unique(flat)
+    number = np.searchsorted(present, flat)
+    rows = np.stack(np.unravel_index(present, tuple(spans)), axis=-1).astype(np.int32) + low
+    return rows, number
