@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from buffers import random_buffer
 from fewrays import METHODS, Lens, Multiplane, SampleBuffer, SampleError, load_image, reconstruct, save
 from fewrays.cli import main
-from fewrays.cli.refocus import Ease, depth_at, focus_distances, frame_path
+from fewrays.cli.refocus import depth_at
+from fewrays.cli.sequence import Ease, focus_distances, frame_path
 from fewrays.color import srgb_encode
 from fewrays.multiplane.build import build_maps
 from fewrays.sources.analytic import Plane, constant, disc, sample
@@ -128,9 +129,10 @@ def test_every_method_works(method: str, folder: Path) -> None:
 
 @pytest.mark.usefixtures("folder")
 def test_options_aperture_and_exposure_are_passed_on(buffer: SampleBuffer) -> None:
-    flags = "--sigma-pix 0.8 --layer-spacing 0.3 --aperture-scale 0.5 --exposure -1"
+    flags = "--method layered --sigma-pix 0.8 --layer-spacing 0.3 --aperture-scale 0.5 --exposure -1"
     assert refocus(f"--from 2 --to 3 --frames 2 --out r.{{}}.png {flags}") == 0
-    image = reconstruct(buffer.refocus(None, 0.5).refocus(2.0), sigma_pix=0.8, layer_spacing=0.3)
+    scene = buffer.refocus(None, 0.5).refocus(2.0)
+    image = reconstruct(scene, "layered", sigma_pix=0.8, layer_spacing=0.3)
     shown = np.rint(srgb_encode(image / 2) * 255)
     with PIL.Image.open("r.0001.png") as picture:
         assert np.abs(np.asarray(picture) - shown).max() <= 1
@@ -248,7 +250,7 @@ def test_stored_planes_have_no_pixels_to_focus_at(
         ("--out r.png --focus-at 24 1", "focus_at: pixel (24, 1) lies outside the image of 24 x 20"),
         ("--out r.png --to 2 --aperture-scale 0", "lens: is a pinhole"),
         ("--out r.png --to 2 --method boxes", "unknown method 'boxes'"),
-        ("--out r.png --to 2 --tile 1", "tile: expected a value from 16"),
+        ("--out r.png --to 2 --method layered --tile 1", "tile: expected a value from 16"),
     ],
 )
 def test_user_errors(command: str, complaint: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

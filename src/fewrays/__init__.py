@@ -1,5 +1,6 @@
 """fewrays: noise-free depth of field, motion blur and soft shadows from a few rays per pixel."""
 
+from fewrays.dynamic import defocus
 from fewrays.errors import SampleError
 from fewrays.io import load, load_image, save, save_image
 from fewrays.lens import Lens
@@ -15,6 +16,7 @@ __all__ = [
     "SampleBuffer",
     "SampleError",
     "compare",
+    "defocus",
     "load",
     "load_image",
     "reconstruct",

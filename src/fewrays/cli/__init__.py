@@ -19,6 +19,7 @@ from fewrays import __version__
 from fewrays.cli.command import Command, build
 from fewrays.cli.compare import Compare
 from fewrays.cli.convert import Convert
+from fewrays.cli.defocus import Defocus
 from fewrays.cli.demo import Demo
 from fewrays.cli.info import Info
 from fewrays.cli.methods import named_method
@@ -37,6 +38,7 @@ COMMANDS: dict[str, type[Command]] = {
     "render": Render,
     "reconstruct": Reconstruct,
     "refocus": Refocus,
+    "defocus": Defocus,
     "planes": Planes,
     "compare": Compare,
     "info": Info,

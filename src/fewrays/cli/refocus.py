@@ -2,61 +2,40 @@
 
 The samples stay as they are; every frame looks at them through a lens that is focused elsewhere (temporal,
 section 6 and Figure 13). What a method can do before it knows the lens, it does once for all frames.
-
-Frames are spaced evenly in dioptres, 1 / distance. The slope of a surface at depth z through a lens focused
-at f is ``C = c0 (1/z - 1/f)``: equal steps of 1/f change every circle of confusion by equal numbers of
-pixels. Equal steps of f would race through the near distances, crawl through the far ones, and never reach
-infinity, which is 0 dioptres.
 """
 
 from __future__ import annotations
 
-import math
-import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, ClassVar, Generic, Literal, TypeVar
 
 import numpy as np
-import numpy.typing as npt
-import PIL.features
-import PIL.Image
 from tyro.conf import OmitArgPrefixes, UseAppendAction, arg
 
-from fewrays.cli.command import (
-    IMAGE_SUFFIXES,
-    Command,
-    InputFlags,
-    SamplesFile,
-    check_output,
-    stopwatch,
-)
+from fewrays.cli.command import Command, InputFlags, SamplesFile, stopwatch
 from fewrays.cli.methods import DEFAULT_METHOD, provenance
+from fewrays.cli.sequence import (
+    Ease,
+    check_sequence,
+    focus_distances,
+    frame_path,
+    is_animation,
+    save_animation,
+)
 from fewrays.cli.source import Source, open_source
 from fewrays.display import tone_map
-from fewrays.errors import SampleError, require_option
+from fewrays.errors import SampleError
 from fewrays.io import save_image
-from fewrays.io.files import replace_files
 from fewrays.method import Image
 from fewrays.parallel import Execution, progress_bar
 from fewrays.reconstruct import METHODS, find_method
 from fewrays.samples import SampleBuffer
 
-__all__ = ["Ease", "Refocus", "depth_at", "focus_distances", "frame_path"]
+__all__ = ["Refocus", "depth_at"]
 
 Options = TypeVar("Options")
-Ease = Literal["none", "in", "out", "in-out"]
-
-_ANIMATION_SUFFIXES = (".gif", ".webp")
-_NUMBER = re.compile(r"%0?(\d*)d|\{\}")  # where a file name takes the frame's number
-_DIGITS = 4
-_EASINGS: dict[Ease, Callable[[npt.NDArray[np.float64]], npt.NDArray[np.float64]]] = {
-    "none": lambda t: t,
-    "in": np.square,
-    "out": lambda t: t * (2 - t),
-    "in-out": lambda t: t * t * (3 - 2 * t),
-}
 
 
 @dataclass(frozen=True)
@@ -125,7 +104,7 @@ class Refocus(Command, Generic[Options]):
             raise SampleError("is a pinhole, for which everything is in focus", field="lens")
         distances = focus_distances(*self._ends(source), self.frames, self.ease)
         with stopwatch() as watch:
-            if self.out.suffix.lower() in _ANIMATION_SUFFIXES:
+            if is_animation(self.out):
                 pictures = [tone_map(image, self.exposure) for image, _ in self._images(source, distances)]
                 save_animation(self.out, pictures, self.fps)
                 written = str(self.out)
@@ -141,16 +120,7 @@ class Refocus(Command, Generic[Options]):
 
     def _check(self) -> None:
         """Refuse what cannot work before the samples are loaded."""
-        check_output(self.out, (*IMAGE_SUFFIXES, *_ANIMATION_SUFFIXES))
-        suffix = self.out.suffix.lower()
-        if suffix == ".webp" and not PIL.features.check("webp"):
-            raise SampleError("this build of Pillow cannot write WebP; use .gif", file=self.out)
-        if self.exposure and suffix not in (".png", *_ANIMATION_SUFFIXES):
-            raise SampleError(
-                "is for .png, .gif and .webp; others store the radiance itself", field="exposure"
-            )
-        require_option("frames", self.frames, self.frames >= 2, "of at least 2")
-        require_option("fps", self.fps, 0 < self.fps <= 100, "above 0 and up to 100")
+        check_sequence(self.out, self.frames, self.fps, self.exposure)
         given = [name for name, end in (("--from", self.from_), ("--to", self.to)) if end is not None]
         if not given and not self.focus_at:
             raise SampleError("say where the focus goes: --to, --from or --focus-at", field="to")
@@ -190,31 +160,6 @@ class Refocus(Command, Generic[Options]):
                 bar.update()
 
 
-def focus_distances(first: float, last: float, frames: int, ease: Ease = "none") -> list[float]:
-    """Return the focus distance of every frame, evenly spaced in dioptres before easing.
-
-    Parameters
-    ----------
-    first, last : float
-        Distances of the ends in scene units, positive; infinity is 0 dioptres.
-    frames : int
-        How many, at least 2.
-    ease : {"none", "in", "out", "in-out"}
-        Where the focus travels slowly: nowhere, at the start, at the end, or at both.
-
-    Raises
-    ------
-    SampleError
-        For a distance that is not positive.
-    """
-    for name, distance in (("from", first), ("to", last)):
-        require_option(name, distance, distance > 0, "above 0, as a focus distance is")
-    share = _EASINGS[ease](np.linspace(0, 1, frames))
-    dioptres = (1 - share) / first + share / last
-    inner = [1 / d if d > 0 else math.inf for d in dioptres[1:-1].tolist()]
-    return [first, *inner, last]
-
-
 def depth_at(samples: SampleBuffer, column: int, row: int) -> float:
     """Return the depth of the nearest surface that the lens centre sees in a pixel, in scene units.
 
@@ -242,30 +187,3 @@ def depth_at(samples: SampleBuffer, column: int, row: int) -> float:
     centre = samples.xy - samples.slope()[..., None] * samples.uv
     distance = np.abs(centre - np.array([column + 0.5, row + 0.5], np.float32)).max(axis=-1)
     return float(samples.depth[distance <= max(0.5, float(distance.min()))].min())
-
-
-def frame_path(pattern: Path, number: int) -> Path:
-    """Return the file of a frame: its number in place of ``%04d`` or ``{}``, else before the extension."""
-    match = _NUMBER.search(pattern.name)
-    if match is None:
-        return pattern.with_name(f"{pattern.stem}.{number:0{_DIGITS}}{pattern.suffix}")
-    width = _DIGITS if match[0] == "{}" else int(match[1] or 0)
-    return pattern.with_name(f"{pattern.name[: match.start()]}{number:0{width}}{pattern.name[match.end() :]}")
-
-
-def save_animation(path: Path, pictures: Sequence[npt.NDArray[np.uint8]], fps: float) -> None:
-    """Write pictures ``(H, W, 3)``, sRGB, as one endless .gif or .webp; complete or not at all."""
-    form = path.suffix[1:].upper()
-    images = [PIL.Image.fromarray(picture) for picture in pictures]
-    if form == "GIF":  # 256 colours a frame: dithered, because smooth blur shows bands
-        images = [image.quantize(palette=image.quantize()) for image in images]
-    with replace_files(path) as [temporary], temporary.open("wb") as file:
-        images[0].save(
-            file,
-            format=form,
-            save_all=True,
-            append_images=images[1:],
-            duration=round(1000 / fps),
-            loop=0,
-            quality=90,
-        )

@@ -12,7 +12,7 @@ looked at from lens points, and places within the pixel, that are closer togethe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -105,7 +105,7 @@ def render_maps(
             seen.scale,
             views=views,
             shrink=shrink,
-            rim=(rim.centre_x, rim.centre_y, rim.per_pixel, rim.radius, rim.softness),
+            rim=_native.FrontRim(**asdict(rim)),
             vignetted=options.cats_eye > 0,
             darken=options.darken,
             first=first,

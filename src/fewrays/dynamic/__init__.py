@@ -1,0 +1,227 @@
+"""Depth of field from one image with depth, after Yu, Wang and Yu 2010.
+
+The image is warped to many points of the lens: a light field, made as it is needed. Every view's ray is
+queried where the view meets the focal plane, and all are blended.
+
+`depth_layer` is what comes in. `prepare` makes of it the sheets that are warped: `edges` takes antialiased
+edges apart, `fill` carries surfaces on behind others. `prefilter` blurs for what lies between the views.
+`reference` makes the views one after the other in plain NumPy, by `warp` and `synthesis`; `kernel` does the
+same in native code.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fewrays.dynamic import fill, kernel, reference
+from fewrays.dynamic.depth_layer import DepthLayer
+from fewrays.dynamic.options import DefocusOptions
+from fewrays.dynamic.plan import LightField, Sums
+from fewrays.dynamic.prefilter import Blur
+from fewrays.dynamic.prepare import Completion, GuessBackground, prepare_sheets
+from fewrays.dynamic.sheet import Sheet
+from fewrays.dynamic.views import Views
+from fewrays.errors import SampleError, require_option
+from fewrays.lens import Lens
+from fewrays.method import Image
+from fewrays.parallel import Execution
+
+__all__ = ["DefocusOptions", "DepthLayer", "defocus", "defocus_rgba", "make_light_field"]
+
+
+@dataclass(frozen=True)
+class Engine:
+    """What the devices do in their own ways: guess what is behind an image, and add up all views."""
+
+    guess_background: GuessBackground
+    synthesize: Callable[[LightField, Sums, Execution, npt.NDArray[np.float32] | None], object]
+
+
+ENGINES = {
+    "cpu": Engine(kernel.guess_background, kernel.synthesize),
+    "reference": Engine(fill.guess_background, reference.synthesize),
+}
+"""By device, the one that ``"auto"`` means first."""
+
+
+def defocus(
+    color: npt.ArrayLike,
+    depth: npt.ArrayLike,
+    lens: Lens,
+    *,
+    alpha: npt.ArrayLike | None = None,
+    behind: Sequence[DepthLayer] = (),
+    device: str = "auto",
+    threads: int | None = None,
+    progress: bool = False,
+    **options: Any,
+) -> Image:
+    """Give a pinhole image with depth the depth of field of a lens.
+
+    Parameters
+    ----------
+    color : array_like, (H, W, 3)
+        Linear radiance, multiplied by `alpha`.
+    depth : array_like, (H, W)
+        Planar depth, > 0, in the lens's units; ``inf`` for a background without distance.
+    lens : Lens
+        As made for the image's width.
+    alpha : array_like, (H, W), optional
+        Opacity in [0, 1]; opaque when omitted.
+    behind : sequence of DepthLayer
+        What is behind, the nearest first: the further layers of a depth peel or of a deep image.
+    device : {"auto", "cpu", "reference"}
+        ``"reference"`` runs the plain NumPy definition, slowly.
+    threads : int, optional
+        Threads to use; all usable cores when omitted. The result does not depend on it.
+    progress : bool
+        Show a progress bar on stderr for work over two seconds.
+    **options
+        Fields of `DefocusOptions`.
+
+    Returns
+    -------
+    ndarray, (H, W, 3)
+        Linear radiance, float32, over black where there is nothing.
+
+    Raises
+    ------
+    SampleError
+        For images that do not fit together or hold impossible values, and for options out of range.
+
+    Examples
+    --------
+    >>> lens = Lens.thin_lens(64, focus_distance=2.0, fov=40.0, lens_radius=0.1)
+    >>> defocus(np.ones((48, 64, 3)), np.full((48, 64), 5.0), lens).shape
+    (48, 64, 3)
+    """
+    rgba = defocus_rgba(
+        color,
+        depth,
+        lens,
+        alpha=alpha,
+        behind=behind,
+        device=device,
+        threads=threads,
+        progress=progress,
+        **options,
+    )
+    return np.ascontiguousarray(rgba[..., :3])
+
+
+def defocus_rgba(
+    color: npt.ArrayLike,
+    depth: npt.ArrayLike,
+    lens: Lens,
+    *,
+    alpha: npt.ArrayLike | None = None,
+    behind: Sequence[DepthLayer] = (),
+    device: str = "auto",
+    threads: int | None = None,
+    progress: bool = False,
+    **options: Any,
+) -> Image:
+    """Do as `defocus`, for compositing: opacity is blurred along with the colours.
+
+    Returns
+    -------
+    ndarray, (H, W, 4)
+        Linear radiance multiplied by opacity, and opacity, float32.
+    """
+    known = [field.name for field in dataclasses.fields(DefocusOptions)]
+    for name in options:
+        if name not in known:
+            raise SampleError(f"no such option; there are {', '.join(known)}", field=name)
+    chosen = DefocusOptions(**options)
+    first = DepthLayer(color, _depth(depth, chosen), alpha)  # type: ignore[arg-type]
+    execution = Execution(device=device, threads=threads, progress=progress)
+    field = make_light_field([first, *behind], lens, chosen, execution)
+    sums = np.zeros((first.height, first.width, 5), np.float32)
+    passed = np.zeros((first.height, first.width), np.float32) if chosen.darken else None
+    _engine(device).synthesize(field, sums, execution, passed)
+    image = _mean(sums, field.sheets)
+    if passed is not None:
+        image[..., :3] *= passed[..., None] / np.float32(field.views.weight.sum())
+    return image
+
+
+def make_light_field(
+    layers: Sequence[DepthLayer], lens: Lens, options: DefocusOptions, execution: Execution
+) -> LightField:
+    """Prepare everything that does not depend on the view.
+
+    Parameters
+    ----------
+    layers : sequence of DepthLayer
+        The nearest first.
+    lens : Lens
+    options : DefocusOptions
+    execution : Execution
+
+    Returns
+    -------
+    LightField
+
+    Raises
+    ------
+    SampleError
+        For layers that differ in size, or that are no layers.
+    """
+    for number, layer in enumerate(layers):
+        if not isinstance(layer, DepthLayer):
+            raise SampleError(
+                f"expected a DepthLayer, got {type(layer).__name__}", field=f"behind[{number - 1}]"
+            )
+        if layer.depth.shape != layers[0].depth.shape:
+            raise SampleError(
+                f"expected {layers[0].depth.shape} pixels, as the first layer's; got {layer.depth.shape}",
+                field=f"behind[{number - 1}]",
+            )
+    aperture = options.aperture_of(lens)
+    views = Views.of_aperture(aperture, options.views, options.lens_points, options.falloff_f_number)
+    completion = Completion(
+        _engine(execution.device).guess_background,
+        execution,
+        options.surface_tolerance,
+        options.fill_reach,
+        options.split_edges,
+    )
+    blur: Blur | float | None = None
+    if options.prefilter == "surface":
+        blur = Blur(views.radius * options.footprint, options.surface_tolerance)
+    elif options.prefilter == "mipmap":
+        blur = views.radius * options.footprint
+    sheets = prepare_sheets(layers, lens, completion)
+    rim = None
+    if options.cats_eye > 0:
+        rim = options.vignetting().front_rim(views.uv, layers[0].height, layers[0].width)
+    return LightField(sheets, views, options.surface_tolerance, options.growth, blur, rim)
+
+
+def _depth(depth: npt.ArrayLike, options: DefocusOptions) -> npt.ArrayLike:
+    """Take invalid depths for background, if so asked."""
+    if options.invalid_depth == "error":
+        return depth
+    values = np.asarray(depth)
+    return np.where(values > 0, values, np.inf) if values.dtype.kind in "fiu" else depth
+
+
+def _engine(device: str) -> Engine:
+    name = next(iter(ENGINES)) if device == "auto" else device
+    require_option("device", device, name in ENGINES, f"out of auto, {', '.join(ENGINES)}")
+    return ENGINES[name]
+
+
+def _mean(sums: npt.NDArray[np.float32], sheets: Sequence[Sheet]) -> Image:
+    """Divide by the weights of the valid rays; where there are none, show what the lens centre sees."""
+    weight = sums[..., 4:]
+    image: Image = np.divide(sums[..., :4], weight, out=np.zeros_like(sums[..., :4]), where=weight > 0)
+    unseen = weight[..., 0] <= 0
+    image[unseen] = sheets[0].light[unseen]
+    return image
