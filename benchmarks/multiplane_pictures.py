@@ -39,7 +39,7 @@ __all__ = [
     "plane_image",
 ]
 
-_WIDTH = 400  # pixels of a panel
+_WIDTH, _SMALL = 400, 280  # pixels of a panel, and of one among many
 _CROP = 50  # pixels of the image's in a magnified part
 _SPP = 8
 
@@ -104,13 +104,13 @@ def draw_one_sample(renders: Path, path: Path, kept: KeptImages) -> list[str]:
         exposure = auto_exposure(truth)
         row = [
             Panel(
-                _shown(made[way], exposure),
+                _shown(made[way], exposure, _SMALL),
                 f"{name}, {title}",
                 f"PSNR {psnr_display(made[way], truth):.1f} dB",
             )
             for way, title in ((PLAIN, "1 sample per pixel"), (DENOISER, DENOISER), (OURS, OURS))
         ]
-        rows.append([*row, Panel(_shown(truth, exposure), "reference")])
+        rows.append([*row, Panel(_shown(truth, exposure, _SMALL), "reference")])
     if rows:
         save_picture(path, sheet(rows))
     return names

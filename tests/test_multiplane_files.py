@@ -114,7 +114,7 @@ class TestRoundTrip:
 
     def test_memory_beside_the_planes(self, tmp_path: Path) -> None:
         samples = random_buffer(200, 300, 1, Lens(-40.0, 8.0))
-        planes = Multiplane.build(samples, threads=1, fine_to=20.0)
+        planes = Multiplane.build(samples, threads=1, fine_to=60.0)
         assert planes.nbytes > 25e6
         tracemalloc.start()
         planes.save(tmp_path / "a.planes")

@@ -45,9 +45,9 @@ class BuildOptions:
     linear_to: float = 8.0
     """Blur radius in pixels beyond which planes grow thicker in proportion to it."""
     cells: int = 3
-    """Cells per pixel and axis of planes near focus, 1 to 3."""
+    """Cells per pixel and axis of planes in focus, 1 to 3."""
     fine_to: float = 2.0
-    """Blur radius in pixels up to which planes have that many; others have one. Large for refocusing."""
+    """Blur radius in pixels up to which planes have two cells, to a third of it `cells`; others have one."""
     prior: float = 0.2
     """Rays that the estimate of a cell's neighbourhood counts as."""
     smoothing: float = 0.05
@@ -116,7 +116,8 @@ def lay_out(assignment: Assignment, samples: SampleBuffer, options: BuildOptions
     """Choose each plane's resolution and extent."""
     size = np.abs(assignment.slope)
     smoothing = np.where(options.smoothing * size > 0.3, options.smoothing * size, 0.0)
-    cells = np.where(size <= options.fine_to, options.cells, 1).astype(np.int32)
+    cells = np.where(size <= options.fine_to, min(options.cells, 2), 1).astype(np.int32)
+    cells[size <= options.fine_to / 3] = options.cells
     shift = size[:, None] + 0.5 * np.abs(assignment.motion)
     margin = np.ceil(shift).astype(np.int64) + _MARGIN
     block = np.array(BLOCK[::-1])
