@@ -141,6 +141,7 @@ def pictures_part(options: argparse.Namespace) -> Iterator[str]:
         f"{_SPP} samples per pixel through the disc lens. The magnified parts are chosen by rule: where "
         "Open Image Denoise errs most, where `temporal` does, and where `multiplane` does."
     )
+    multiplane_pictures.draw_before_and_after(renders, images / "multiplane-hero.png", _SPP)
     for scene in (STILL, MOVING):
         name = f"multiplane-{scene}.png"
         multiplane_pictures.draw_comparison(renders, images / name, scene, _SPP, kept)

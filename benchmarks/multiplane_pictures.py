@@ -16,6 +16,7 @@ from disc_scenes import MOVING, STILL, rendered
 from example_renders import SCENES, load_references, samples_file
 from fewrays.display import (
     FRAMES,
+    Candidate,
     Panel,
     Window,
     auto_exposure,
@@ -30,8 +31,10 @@ from fewrays.multiplane.maps import BLOCK, Maps
 from kept_images import KeptImages
 from multiplane_quality import OURS, PLAIN, TEMPORAL, make_images
 from peers import DENOISER
+from pictures import hero
 
 __all__ = [
+    "draw_before_and_after",
     "draw_comparison",
     "draw_one_sample",
     "draw_planes",
@@ -45,6 +48,15 @@ _SPP = 8
 
 Picture = npt.NDArray[np.uint8]
 Planes = fewrays.Multiplane
+
+
+def draw_before_and_after(renders: Path, path: Path, spp: int) -> None:
+    """Draw the picture at the top of the README: samples averaged, and what becomes of them."""
+    samples = fewrays.load(samples_file(renders, STILL, "disc", spp))
+    truth = load_references(renders, f"{STILL}_disc")["box"].image
+    before = Candidate(fewrays.reconstruct(samples, PLAIN), f"{spp} samples per pixel")
+    after = Candidate(fewrays.reconstruct(samples, OURS), "the same samples, fewrays")
+    save_picture(path, hero(before, after, truth))
 
 
 def draw_comparison(renders: Path, path: Path, scene: str, spp: int, kept: KeptImages) -> None:

@@ -17,7 +17,7 @@ import subprocess
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -59,6 +59,9 @@ from fewrays.sources.analytic import (
     stripes,
     trace,
 )
+
+by_layers = partial(reconstruct, method="layered")
+"""The method that the pages are about."""
 
 IMAGES = Path(__file__).parent / "images"
 SPP, TRUTH_SPP, BORDER = 8, 256, 16
@@ -518,7 +521,7 @@ def centre() -> None:
         exact = exact_waves(texture, at_slope(slope), LENS, 160, 160)
         samples = sample([Plane(at_slope(slope), texture)], LENS, 160, 160, SPP)
         images = [reconstruct(samples, method) for method in methods[1:]]
-        images.append(reconstruct(samples, aperture_parts=1))
+        images.append(by_layers(samples, aperture_parts=1))
         psnr = [quality(image, exact, 48) for image in images]
         rows.append((slope, *(f"{e:.2f}" for e in errors), *psnr))
     print_table(
@@ -549,7 +552,7 @@ def spacing() -> None:
     for step, options in choices.items():
         row: list[object] = [f"{step:g}{' (default)' if step == default else ''}"]
         for scene, samples in inputs.items():
-            image, aovs = reconstruct(samples, aovs=True, **options)
+            image, aovs = by_layers(samples, aovs=True, **options)
             row += [quality(image, truths[scene]), float(aovs["layer_count"].mean())]
         rows.append(row)
     wide = sample(floor(), LENS, 96, 576, SPP)
@@ -575,7 +578,7 @@ def levels() -> None:
             [moved(plane, margin) for plane in leaves()], lens, height + 2 * margin, width + 2 * margin, SPP
         )
         all_samples.append(samples)
-        images = [reconstruct(samples, PUBLISHED), layered_with(samples, levels=False), reconstruct(samples)]
+        images = [reconstruct(samples, PUBLISHED), layered_with(samples, levels=False), by_layers(samples)]
         windows = [inner(image, margin) for image in images]
         rows.append(
             [
@@ -586,7 +589,7 @@ def levels() -> None:
         )
     runs: list[Callable[[SampleBuffer], object]] = [
         lambda s: layered_with(s, levels=False, threads=1),
-        lambda s: reconstruct(s, threads=1),
+        lambda s: by_layers(s, threads=1),
     ]
     times = [
         [cpu_seconds(lambda: run(samples), 3) for run in runs]  # noqa: B023
@@ -607,7 +610,7 @@ def place() -> None:
         row: list[object] = [slope]
         for spp in (2, 8):
             samples = sample(planes, LENS, 128, 128, spp)
-            images = (layered_with(samples, by_place=False), reconstruct(samples))
+            images = (layered_with(samples, by_place=False), by_layers(samples))
             row += [quality(image, truth, 40) for image in images]
         rows.append(tuple(row))
     head = ("C in px", *(f"{spp} spp, {name}" for spp in (2, 8) for name in ("by samples", "by place")))
@@ -629,7 +632,7 @@ def parts() -> None:
         distance2 = ((u[..., None, :] - split.parts[:, :2].astype(np.float64)) ** 2).sum(axis=-1)
         mixture = np.exp(-0.5 * distance2 / split.sigma**2) @ split.parts[:, 2] / split.sigma**2
         deviation = 100 * np.abs(mixture - np.exp(-0.5 * (u**2).sum(axis=-1))).max()
-        images = {name: reconstruct(samples, aperture_parts=n) for name, samples in inputs.items()}
+        images = {name: by_layers(samples, aperture_parts=n) for name, samples in inputs.items()}
         psnr = {name: quality(image, truths[name]) for name, image in images.items()}
         rows.append((n, f"{split.sigma:.2f}", f"{deviation:.1f}", *psnr.values(), f"{ratio:.2f}"))
         if n in (1, 7, 19):
@@ -786,14 +789,14 @@ def lights() -> None:
     truth = reference(planes, LENS, 128, 192, spp=2 * TRUTH_SPP)
     samples = sample(planes, LENS, 128, 192, SPP)
     display = np.round(255 * srgb_encode(samples.color)) / 255
-    from_display = srgb_decode(reconstruct(replace(samples, color=display.astype(np.float32))))
+    from_display = srgb_decode(by_layers(replace(samples, color=display.astype(np.float32))))
     print_table(
         "lights: leaves with highlights of radiance 6",
         ("input", "PSNR, dB", "mean radiance / truth"),
         [
             (name, quality(image, truth), f"{inner(image).mean() / inner(truth).mean():.2f}")
             for name, image in (
-                ("float, linear", reconstruct(samples)),
+                ("float, linear", by_layers(samples)),
                 ("8 bits, tone-mapped", from_display),
             )
         ],
@@ -842,8 +845,8 @@ def options() -> None:
     rows = [
         (
             f"`{name}`" if chosen else name,
-            quality(reconstruct(floor_samples(), **chosen), floor_truth()),
-            quality(reconstruct(leaves_samples(), **chosen), leaves_truth()),
+            quality(by_layers(floor_samples(), **chosen), floor_truth()),
+            quality(by_layers(leaves_samples(), **chosen), leaves_truth()),
             f"{ratio:.2f}",
         )
         for (name, chosen), ratio in zip(choices.items(), times, strict=True)
@@ -854,7 +857,7 @@ def options() -> None:
 def layers() -> None:
     """Show what each layer adds to the image."""
     samples, truth = leaves_samples(), leaves_truth()
-    image, aovs = reconstruct(samples, aovs=True)
+    image, aovs = by_layers(samples, aovs=True)
     opacity = aovs["layer_opacity"]
     occurs = np.flatnonzero(opacity.max(axis=(0, 1)) > 0.01)
     slopes = samples.lens.slope(samples.depth)
@@ -899,7 +902,7 @@ def limits() -> None:
         rows,
     )
 
-    image, truth = reconstruct(leaves_samples()), leaves_truth()
+    image, truth = by_layers(leaves_samples()), leaves_truth()
     ring = np.ones(image.shape[:2], bool)
     ring[BORDER:-BORDER, BORDER:-BORDER] = False
     error = [
@@ -919,7 +922,7 @@ def _aperture() -> None:
     texture = [Plane(at_slope(12), checker(24))]
     rows, panels = [], []
     for name, planes, height in (("bright spot", spot, 64), ("checkerboard of 24 px", texture, 96)):
-        image = reconstruct(sample(planes, lens, height, height, 16))
+        image = by_layers(sample(planes, lens, height, height, 16))
         truths = [reference(planes, one, height, height, spp=TRUTH_SPP) for one in (lens, wide)]
         rows.append((name, *(quality(image, truth) for truth in truths)))
         if height == 64:
@@ -942,7 +945,7 @@ def _discs_left() -> None:
         samples = two_discs_samples(24, 14, spp)
         for name, image in (
             ("published", reconstruct(samples, PUBLISHED)),
-            *((f"aperture_parts={n}", reconstruct(samples, aperture_parts=n)) for n in (1, 7, 19)),
+            *((f"aperture_parts={n}", by_layers(samples, aperture_parts=n)) for n in (1, 7, 19)),
         ):
             rows.append((f"{spp} spp", name, *_loss(truth, image)))
     print_table(
@@ -1141,8 +1144,8 @@ def importance() -> None:
         ("published, uniform over the square", reconstruct(leaves_samples(), PUBLISHED)),
         ("box, Gaussian", reconstruct(samples, "box")),
         ("box, uniform over the square", reconstruct(leaves_samples(), "box")),
-        ("layered, Gaussian", reconstruct(samples)),
-        ("layered, uniform over the square", reconstruct(leaves_samples())),
+        ("layered, Gaussian", by_layers(samples)),
+        ("layered, uniform over the square", by_layers(leaves_samples())),
     ):
         rows.append((name, quality(image, truth), rms_error(image, truth)))
     print_table(
@@ -1200,7 +1203,7 @@ def widths() -> None:
         planes = [Plane(at_slope(0), checker(size))]
         truth = reference(planes, LENS, 96, 96, spp=TRUTH_SPP)
         board = sample(planes, LENS, 96, 96, SPP)
-        images = {"published": reconstruct(board, PUBLISHED), "layered": reconstruct(board)}
+        images = {"published": reconstruct(board, PUBLISHED), "layered": by_layers(board)}
         rows.append([f"checkerboard of {size:g} px in focus", *(quality(i, truth) for i in images.values())])
     for slope in (0.7, 1.4, 2.0, 3.0, 6.0, 12.0, 24.0):
         texture = smooth_noise(6, seed=3)
