@@ -23,7 +23,7 @@ from fewrays import Lens, Multiplane, SampleError, _native
 from fewrays.multiplane import files
 from fewrays.multiplane.maps import Grid, Maps, Shear
 
-MEMORY = 24 << 20  # bytes that reading a damaged file of some kilobytes may take
+MEMORY = 96 << 20  # bytes that a damaged file of 87 kB may take: what as many deflated bytes can hold
 MAGIC = b"FEWRAYS-PLANES\r\n"
 TABLES = ("slope", "motion", "smoothing", "cells", "corner", "shape")
 STEPS = (8, 16, 8, 4, 8, 8)  # bytes of a plane in each
