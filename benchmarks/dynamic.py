@@ -12,14 +12,14 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import dynamic_cost
 import dynamic_pictures
 import dynamic_quality
 from dynamic_scenes import SCENES, PinholeScene, load_pinhole_scene, require_pinhole_renders
+from page_parts import command_of, page_parser, parse_page_options
 from peers import require_bench
-from report import ROOT, provenance, write_page
+from report import provenance, write_page
 
 Part = Callable[[list[PinholeScene], argparse.Namespace], Iterator[str]]
 
@@ -34,24 +34,14 @@ def main() -> None:
     (options.out / "images").mkdir(parents=True, exist_ok=True)
     scenes = [load_pinhole_scene(options.renders, name) for name in SCENES]
     paragraphs = [each for name in options.parts for each in PARTS[name](scenes, options)]
-    command = "python benchmarks/dynamic.py"
-    if options.parts != list(PARTS):
-        command += f" --parts {' '.join(options.parts)}"
+    command = command_of("dynamic.py", options.parts, PARTS)
     write_page(options.out / _PAGE, *introduction(scenes), provenance(command), *paragraphs)
     print(options.out / _PAGE)
 
 
 def parse_options() -> argparse.Namespace:
     """Read the command line."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--renders", type=Path, default=ROOT / "examples" / "renders")
-    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART")
-    parser.add_argument("--repetitions", type=int, default=3, help="timed calls at each number of views (3)")
-    parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder for the page (docs)")
-    options = parser.parse_args()
-    if options.repetitions < 1:
-        parser.error(f"--repetitions must be at least 1, got {options.repetitions}")
-    return options
+    return parse_page_options(page_parser(__doc__, PARTS, "at each number of views"))
 
 
 def introduction(scenes: list[PinholeScene]) -> Iterator[str]:

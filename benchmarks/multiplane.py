@@ -13,7 +13,7 @@ kept there, and another run does not wait for them.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import multiplane_bokeh
@@ -27,10 +27,9 @@ import multiplane_quality
 from disc_scenes import MOVING, STILL, load_disc_scene, rendered
 from example_renders import SCENES, samples_file
 from kept_images import KeptImages
+from page_parts import Part, command_of, page_parser, paragraphs_of, parse_page_options
 from peers import require_bench
-from report import ROOT, provenance, write_page
-
-Part = Callable[[argparse.Namespace], Iterator[str]]
+from report import provenance, write_page
 
 _PAGE = "multiplane-results.md"
 _SPP = 8  # of what is timed and varied
@@ -41,32 +40,17 @@ def main() -> None:
     options = parse_options()
     require_bench()
     (options.out / "images").mkdir(parents=True, exist_ok=True)
-    paragraphs = {name: list(PARTS[name](options)) for name in sorted(options.parts, key=_order)}
-    command = "python benchmarks/multiplane.py"
-    if options.parts != list(PARTS):
-        command += f" --parts {' '.join(options.parts)}"
-    parts = [each for name in options.parts for each in paragraphs[name]]
-    write_page(options.out / _PAGE, *introduction(), provenance(command), *parts)
+    paragraphs = paragraphs_of(PARTS, options, first="memory")
+    command = command_of("multiplane.py", options.parts, PARTS)
+    write_page(options.out / _PAGE, *introduction(), provenance(command), *paragraphs)
     print(options.out / _PAGE)
-
-
-def _order(name: str) -> bool:
-    """Put the part first that forks to measure memory: no library may have started threads."""
-    return name != "memory"
 
 
 def parse_options() -> argparse.Namespace:
     """Read the command line."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--renders", type=Path, default=ROOT / "examples" / "renders")
-    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART")
-    parser.add_argument("--repetitions", type=int, default=3, help="timed calls of each contender (3)")
+    parser = page_parser(__doc__, PARTS, "of each contender")
     parser.add_argument("--keep", type=Path, help="folder for images of other methods (none is kept)")
-    parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder for the page (docs)")
-    options = parser.parse_args()
-    if options.repetitions < 1:
-        parser.error(f"--repetitions must be at least 1, got {options.repetitions}")
-    return options
+    return parse_page_options(parser)
 
 
 def introduction() -> Iterator[str]:

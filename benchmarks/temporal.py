@@ -12,8 +12,7 @@ any.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 
 import temporal_cost
 import temporal_counts
@@ -23,10 +22,9 @@ import temporal_highlights
 import temporal_peers
 import temporal_pictures
 from disc_scenes import MOVING, SCENES, STILL, load_disc_scene, rendered
+from page_parts import Part, command_of, page_parser, paragraphs_of, parse_page_options
 from peers import require_bench
-from report import ROOT, provenance, write_page
-
-Part = Callable[[argparse.Namespace], Iterator[str]]
+from report import provenance, write_page
 
 _PEER_SPP = (8, 16)
 _PAGE = "temporal-results.md"
@@ -37,31 +35,16 @@ def main() -> None:
     options = parse_options()
     require_bench()
     (options.out / "images").mkdir(parents=True, exist_ok=True)
-    paragraphs = {name: list(PARTS[name](options)) for name in sorted(options.parts, key=_order)}
-    command = "python benchmarks/temporal.py"
-    if options.parts != list(PARTS):
-        command += f" --parts {' '.join(options.parts)}"
-    parts = [each for name in options.parts for each in paragraphs[name]]
-    write_page(options.out / _PAGE, *introduction(), provenance(command), *parts)
+    paragraphs = paragraphs_of(PARTS, options, first="cost")
+    command = command_of("temporal.py", options.parts, PARTS)
+    write_page(options.out / _PAGE, *introduction(), provenance(command), *paragraphs)
     print(options.out / _PAGE)
-
-
-def _order(name: str) -> bool:
-    """Put the part first that forks to measure memory: no library may have started threads."""
-    return name != "cost"
 
 
 def parse_options() -> argparse.Namespace:
     """Read the command line."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--renders", type=Path, default=ROOT / "examples" / "renders")
-    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART")
-    parser.add_argument("--repetitions", type=int, default=3, help="timed calls of each contender (3)")
-    parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder for the page (docs)")
-    options = parser.parse_args()
-    if options.repetitions < 1:
-        parser.error(f"--repetitions must be at least 1, got {options.repetitions}")
-    return options
+    parser = page_parser(__doc__, PARTS, "of each contender")
+    return parse_page_options(parser)
 
 
 def introduction() -> Iterator[str]:

@@ -444,8 +444,7 @@ NB_MODULE(_native, m) {
     m.attr("HALF_PADDING") = half_padding;
     nb::class_<DepthPlanes>(m, "DepthPlanes")
         .def(nb::init<Array<const float, -1, 4>, Array<const std::int32_t, -1, 6>, float>(), "shears"_a, "grids"_a,
-             "most_blur"_a)
-        .def_prop_ro("count", [](const DepthPlanes& self) { return self.planes.size(); });
+             "most_blur"_a);
     m.def(
         "multiplane_mark",
         [](const LightField& field, Array<const std::int16_t, -1> plane_of, const DepthPlanes& planes,

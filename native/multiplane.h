@@ -13,12 +13,11 @@
 namespace fewrays {
 
 constexpr int block_columns = 32, block_rows = 8;  // a block's size in pixels
-constexpr int most_cells = 3;                      // per pixel and axis
 
 struct DepthPlane {
     float slope, motion_x, motion_y;  // pixels per lens unit; pixels per shutter interval
     float smoothing;                  // standard deviation of what is smoothed over, in pixels
-    std::int32_t cells;               // per pixel and axis, 1 to most_cells
+    std::int32_t cells;               // per pixel and axis, 1 to 3
     std::int32_t left, top;           // of the first block, in pixels
     std::int32_t columns, rows;       // of blocks
     std::int32_t first_slot;          // of the blocks, row by row
@@ -38,10 +37,10 @@ struct PlaneSet {
     float most_blur;            // samples of larger slopes, in size, count as such
 };
 
-// Samples of one run: where they lie in the image, and which planes they hit.
+// Samples of one run: where they lie in the image, and the hindmost plane that they hit.
 struct Run {
     float x_min, x_max, y_min, y_max;
-    std::int32_t first_plane, last_plane;  // none where the last comes before the first
+    std::int32_t last_plane;  // -1 for none
 };
 
 // Marks the blocks that samples touch: `marks` has a place for every slot. `reach` takes, for every plane, how far from

@@ -454,7 +454,7 @@ void multiplane_runs(const LightField& field, const std::int16_t* plane_of, int 
                      Run* runs) {
     constexpr float infinity = std::numeric_limits<float>::infinity();
     for (int number = first; number < last; ++number) {
-        Run run{infinity, -infinity, infinity, -infinity, std::numeric_limits<std::int32_t>::max(), -1};
+        Run run{infinity, -infinity, infinity, -infinity, -1};
         const std::int32_t end = std::min(field.count, (number + 1) * length);
         for (std::int32_t i = number * length; i < end; ++i) {
             if (plane_of[i] < 0) continue;
@@ -462,7 +462,6 @@ void multiplane_runs(const LightField& field, const std::int16_t* plane_of, int 
             run.x_max = std::max(run.x_max, field.xy[2 * i]);
             run.y_min = std::min(run.y_min, field.xy[2 * i + 1]);
             run.y_max = std::max(run.y_max, field.xy[2 * i + 1]);
-            run.first_plane = std::min(run.first_plane, std::int32_t{plane_of[i]});
             run.last_plane = std::max(run.last_plane, std::int32_t{plane_of[i]});
         }
         runs[number] = run;

@@ -15,10 +15,10 @@ import numpy as np
 
 from fewrays.method import Method, Reconstruction
 from fewrays.multiplane import reference
-from fewrays.multiplane.build import BuildOptions, build_maps
+from fewrays.multiplane.build import BuildOptions
 from fewrays.multiplane.planes import Multiplane
 from fewrays.multiplane.preparation import PREPARATION
-from fewrays.multiplane.render import RenderOptions, render_maps
+from fewrays.multiplane.render import RenderOptions
 from fewrays.parallel import Execution
 from fewrays.samples import SampleBuffer
 
@@ -38,9 +38,8 @@ def _run(samples: SampleBuffer, options: MultiplaneOptions, execution: Execution
     if execution.device == "reference":
         seen = reference.reconstruct(samples, options, execution)
         return Reconstruction(np.ascontiguousarray(seen[..., :3], np.float32))
-    maps = build_maps(samples, options, execution)
-    image = render_maps(maps, None, options, execution)
-    return Reconstruction(np.ascontiguousarray(image[..., :3]))
+    planes = PREPARATION.prepare(samples, options, execution)
+    return planes.reconstruct(samples.lens, options, execution)
 
 
 METHOD = Method(

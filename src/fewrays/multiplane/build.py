@@ -20,19 +20,18 @@ import numpy.typing as npt
 
 from fewrays import _native
 from fewrays.errors import require_option
-from fewrays.multiplane.maps import BLOCK, Grid, Maps, Shear, native_planes
+from fewrays.multiplane.maps import BLOCK, Grid, Maps, Shear, native_planes, number_blocks
 from fewrays.multiplane.slabs import Assignment, SlabRule, assign_planes
 from fewrays.native_view import view_light_field
 from fewrays.parallel import Execution, map_ranges
 from fewrays.samples import SampleBuffer
 
-__all__ = ["BuildOptions", "build_maps", "lay_out", "number_blocks"]
+__all__ = ["BuildOptions", "build_maps", "lay_out"]
 
 _MOST_BLUR = 2.0  # widths or heights of the image
 _MARGIN = 4  # pixels beyond what the lens shifts
 _RUN = 128  # samples that are looked at together
-_ROWS = {1: 256, 2: 192, 3: 128}  # pixels of a plane's height that are built at once, by cells per pixel
-_REGION = {1: 192, 2: 96, 3: 64}  # that native code estimates together, and so multiples of that
+_ROWS = 384  # cells of a plane's height that are built at once: two of native code's regions
 _LARGEST = 2.0**15  # stored radiance
 
 
@@ -79,7 +78,7 @@ def build_maps(samples: SampleBuffer, options: BuildOptions, execution: Executio
     marks = np.zeros(grid.slot_count, np.uint8)
     reach = np.zeros(len(shear.slope), np.float32)
     _native.multiplane_mark(field, assignment.plane_of, planes, marks, reach)
-    slots, units = number_blocks(marks, grid)
+    slots, units = number_blocks(marks.view(np.bool_), grid)
     halves = np.zeros(units * _native.UNIT_HALVES + 2 * _native.HALF_PADDING, np.uint16)
     scale = _radiance_scale(samples.color)
     runs = _native.SampleRuns(-(-samples.depth.size // _RUN))
@@ -127,14 +126,6 @@ def lay_out(assignment: Assignment, samples: SampleBuffer, options: BuildOptions
     return Shear(assignment.slope, assignment.motion, smoothing), Grid(cells, corner.astype(np.int32), shape)
 
 
-def number_blocks(marks: npt.NDArray[np.uint8], grid: Grid) -> tuple[npt.NDArray[np.int32], int]:
-    """Return the place of each marked block in units, -1 for the others, and the number of units in all."""
-    units = np.repeat(grid.cells.astype(np.int64) ** 2, grid.shape.prod(axis=1)) * marks
-    ends = np.cumsum(units)
-    total = int(ends[-1]) if len(ends) else 0
-    return np.where(marks > 0, ends - units, -1).astype(np.int32), total
-
-
 def _parts(grid: Grid, marks: npt.NDArray[np.uint8]) -> npt.NDArray[np.int32]:
     """Cut planes into parts (N, 3) of bounded height, not empty: plane, first row of blocks, end."""
     parts = []
@@ -142,8 +133,7 @@ def _parts(grid: Grid, marks: npt.NDArray[np.uint8]) -> npt.NDArray[np.int32]:
         first_slot = grid.first_slot[plane]
         own = marks[first_slot : first_slot + rows * columns].reshape(rows, columns)
         used = np.asarray(own.any(axis=1))
-        cells = int(grid.cells[plane])
-        step = -(-_ROWS[cells] // _REGION[cells]) * _REGION[cells] // BLOCK[0]
+        step = _ROWS // (int(grid.cells[plane]) * BLOCK[0])
         parts += [
             (plane, first, min(first + step, int(rows)))
             for first in range(0, rows, step)

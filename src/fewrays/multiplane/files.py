@@ -43,7 +43,7 @@ from fewrays.errors import SampleError, first_index
 from fewrays.io.files import as_path, check_deflate_ratio, open_file, read_exactly, replace_files
 from fewrays.io.formats import check_size
 from fewrays.lens import Lens
-from fewrays.multiplane.maps import BLOCK, Grid, Maps, Shear
+from fewrays.multiplane.maps import BLOCK, Grid, Maps, Shear, number_blocks
 from fewrays.parallel import progress_bar
 
 __all__ = ["load_maps", "save_maps"]
@@ -155,7 +155,7 @@ def load_maps(path: str | Path, *, progress: bool = False) -> Maps:
         stream = _Stream(file, length)
         shear, grid = _read_tables(stream, planes)
         kept = _read_kept(stream, grid)
-        slots, units = _number(kept, grid)
+        slots, units = number_blocks(kept, grid)
         size = units * _native.UNIT_HALVES
         stream.check_claim(2 * size, "blocks")
         halves = np.zeros(size + 2 * _native.HALF_PADDING, np.uint16)
@@ -269,18 +269,6 @@ def _read_kept(stream: _Stream, grid: Grid) -> Bools:
     if bits[count:].any():
         raise SampleError(f"says something of more than the {count} places for blocks", field="kept")
     return bits[:count].view(np.bool_)
-
-
-def _number(kept: Bools, grid: Grid) -> tuple[npt.NDArray[np.int32], int]:
-    """Return where each block's halves begin, in units, -1 for places without one, and the units in all."""
-    slots = np.full(len(kept), -1, np.int32)
-    units = 0
-    for cells, first, places in zip(grid.cells, grid.first_slot, grid.shape.prod(axis=1), strict=True):
-        own = np.flatnonzero(kept[first : first + places])
-        each = int(cells) ** 2
-        slots[first + own] = units + each * np.arange(len(own))
-        units += each * len(own)
-    return slots, units
 
 
 # The blocks.

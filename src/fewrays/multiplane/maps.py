@@ -13,7 +13,7 @@ from fewrays import _native
 from fewrays.errors import SampleError
 from fewrays.lens import Lens
 
-__all__ = ["BLOCK", "Grid", "Maps", "Shear", "native_planes"]
+__all__ = ["BLOCK", "Grid", "Maps", "Shear", "native_planes", "number_blocks"]
 
 BLOCK = (_native.BLOCK_ROWS, _native.BLOCK_COLUMNS)
 """Height and width in pixels of a block, the part of a plane that is either kept or left out."""
@@ -150,3 +150,15 @@ def native_planes(shear: Shear, grid: Grid, most_blur: float = math.inf) -> _nat
     shears = np.column_stack([shear.slope, shear.motion, shear.smoothing]).astype(np.float32)
     grids = np.column_stack([grid.cells, grid.corner, grid.shape, grid.first_slot]).astype(np.int32)
     return _native.DepthPlanes(np.ascontiguousarray(shears), np.ascontiguousarray(grids), most_blur)
+
+
+def number_blocks(kept: npt.NDArray[np.bool_], grid: Grid) -> tuple[npt.NDArray[np.int32], int]:
+    """Return where each block's halves begin, in units, -1 for places without one, and the units in all."""
+    slots = np.full(len(kept), -1, np.int32)
+    units = 0
+    for cells, first, places in zip(grid.cells, grid.first_slot, grid.shape.prod(axis=1), strict=True):
+        own = np.flatnonzero(kept[first : first + places])
+        each = int(cells) ** 2
+        slots[first + own] = units + each * np.arange(len(own))
+        units += each * len(own)
+    return slots, units
