@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 import fewrays
-from fewrays.samples import Float32
+from fewrays.arrays import Float32
 from fewrays.sources import mitsuba as source
 from render import PIXEL_FILTERS, SIGMA, accumulate_reference
 from scenes import foliage

@@ -1,6 +1,4 @@
 // Arrays in, arrays out: shapes are checked by nanobind's types and by the caller, there is no logic here.
-#include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
@@ -9,23 +7,18 @@
 #include <tuple>
 #include <vector>
 
+#include "bindings.h"
 #include "dynamic.h"
 #include "layered.h"
 #include "layered_published.h"
 #include "math/sheared_filter.h"
 #include "multiplane.h"
+#include "sample_tree.h"
 #include "samples.h"
-#include "temporal.h"
-
-namespace nb = nanobind;
-using namespace nb::literals;
 
 namespace {
 
 using namespace fewrays;
-
-template <typename Scalar, nb::ssize_t... shape>
-using Array = nb::ndarray<Scalar, nb::shape<shape...>, nb::c_contig, nb::device::cpu>;
 
 Samples make_samples(Array<const float, -1, -1, -1, 2> xy, Array<const float, -1, -1, -1, 2> uv,
                      Array<const float, -1, -1, -1> depth, Array<const float, -1, -1, -1, 3> color, float c0,
@@ -94,14 +87,6 @@ struct SampleRuns {
 
     explicit SampleRuns(int count) : runs(static_cast<std::size_t>(count)) {}
 };
-
-// Locations, empty, single, quadrants, covered, last, wide, surfaces, merged.
-using Statistics = std::tuple<std::int64_t, std::int64_t, std::int64_t, std::int64_t, std::int64_t, std::int64_t,
-                              std::int64_t, std::int64_t, std::int64_t>;
-
-Statistics as_tuple(const SurfaceStatistics& s) {
-    return {s.locations, s.empty, s.single, s.quadrants, s.covered, s.last, s.wide, s.surfaces, s.merged};
-}
 
 }  // namespace
 
@@ -270,81 +255,7 @@ NB_MODULE(_native, m) {
         "samples"_a, "blocks"_a, "plan"_a, "maps"_a, "tiles"_a, "image"_a, "counts"_a, "contributions"_a.none(),
         nb::call_guard<nb::gil_scoped_release>());
 
-    nb::class_<LightField>(m, "LightField")
-        .def(
-            "__init__",
-            [](LightField* self, Array<const float, -1, 2> xy, Array<const float, -1, 2> uv,
-               Array<const float, -1> depth, Array<const float, -1, 3> color,
-               std::optional<Array<const float, -1>> time, std::optional<Array<const float, -1, 3>> motion,
-               std::optional<Array<const float, -1>> bandwidth, float c0, float c1) {
-                new (self) LightField{xy.data(),
-                                      uv.data(),
-                                      depth.data(),
-                                      color.data(),
-                                      time ? time->data() : nullptr,
-                                      motion ? motion->data() : nullptr,
-                                      bandwidth ? bandwidth->data() : nullptr,
-                                      static_cast<std::int32_t>(depth.shape(0)),
-                                      c0,
-                                      c1};
-            },
-            nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>(), nb::keep_alive<1, 5>(),
-            nb::keep_alive<1, 6>(), nb::keep_alive<1, 7>(), nb::keep_alive<1, 8>(), nb::kw_only(), "xy"_a, "uv"_a,
-            "depth"_a, "color"_a, "time"_a.none(), "motion"_a.none(), "bandwidth"_a.none(), "c0"_a, "c1"_a);
-    nb::class_<TreeRule>(m, "TreeRule")
-        .def(
-            "__init__",
-            [](TreeRule* self, float bin, int most_samples, float along_lens, float along_time, float tolerance,
-               float left, float right, float top, float bottom) {
-                new (self) TreeRule{bin, most_samples, along_lens, along_time, tolerance, left, right, top, bottom};
-            },
-            nb::kw_only(), "bin"_a, "most_samples"_a, "along_lens"_a, "along_time"_a, "tolerance"_a, "left"_a,
-            "right"_a, "top"_a, "bottom"_a);
-    nb::class_<SampleTree>(m, "SampleTree")
-        .def(nb::init<const LightField&, const TreeRule&>(), nb::keep_alive<1, 2>(),
-             nb::call_guard<nb::gil_scoped_release>(), "field"_a, "rule"_a)
-        .def_prop_ro("leaf_count", &SampleTree::leaf_count)
-        .def_prop_ro("nbytes", &SampleTree::bytes)
-        .def(
-            "query",
-            [](const SampleTree& self, float x, float y, float u, float v, float time, float radius) {
-                return samples_within(self, x, y, {u, v, time}, radius);
-            },
-            "x"_a, "y"_a, "u"_a, "v"_a, "time"_a, "radius"_a);
-    nb::class_<SurfaceRule>(m, "SurfaceRule")
-        .def(
-            "__init__",
-            [](SurfaceRule* self, float radius, float along_lens, float along_time, float tolerance, float tent,
-               float overhang) { new (self) SurfaceRule{radius, along_lens, along_time, tolerance, tent, overhang}; },
-            nb::kw_only(), "radius"_a, "along_lens"_a, "along_time"_a, "tolerance"_a, "tent"_a, "overhang"_a);
-    m.def(
-        "temporal_locations",
-        [](const SampleTree& tree, const SurfaceRule& rule, Array<const float, -1, 5> locations,
-           Array<float, -1, 3> colors, Array<std::uint8_t, -1> found) {
-            SurfaceStatistics statistics{};
-            temporal_locations(tree, rule, locations.data(), static_cast<std::int64_t>(locations.shape(0)),
-                               colors.data(), found.data(), statistics);
-            return as_tuple(statistics);
-        },
-        "tree"_a, "rule"_a, "locations"_a, "colors"_a, "found"_a, nb::call_guard<nb::gil_scoped_release>());
-    m.def(
-        "temporal_tiles",
-        [](const SampleTree& tree, const SurfaceRule& rule, Array<const float, -1, 6> views, int tile,
-           Array<const float, -1> band_starts, int first, int last, Array<float, -1, -1, -1, 4> bands) {
-            SurfaceStatistics statistics{};
-            const ViewPlan plan{static_cast<int>(bands.shape(0)),
-                                static_cast<int>(bands.shape(1)),
-                                tile,
-                                static_cast<int>(views.shape(0)),
-                                views.data(),
-                                rule,
-                                static_cast<int>(bands.shape(2)),
-                                band_starts.data()};
-            temporal_tiles(tree, plan, first, last, bands.data(), statistics);
-            return as_tuple(statistics);
-        },
-        "tree"_a, "rule"_a, "views"_a, "tile"_a, "band_starts"_a, "first"_a, "last"_a, "bands"_a,
-        nb::call_guard<nb::gil_scoped_release>());
+    bind_temporal(m);
 
     m.def(
         "dynamic_halve",

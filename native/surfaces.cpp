@@ -94,7 +94,9 @@ struct Group {
     float weight, red, green, blue;
 };
 
-template <bool glossy>
+enum class Sums { weights, radiance, weighted_radiance };
+
+template <Sums sums_of>
 FEWRAYS_INLINE Group add_up(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
                             float farthest) {
     float sums[4][lanes] = {};
@@ -111,8 +113,9 @@ FEWRAYS_INLINE Group add_up(const Sights& sights, const SightRow* rows, int row_
                 quadrants[lane] |= wanted ? quadrant : 0;
                 const float under = 1.0f - std::sqrt(wanted ? distance2 : 0.0f) * per_tent;
                 float weight = wanted & (under > 0.0f) ? under : 0.0f;
-                if constexpr (glossy) weight *= sights.weight[first + lane];
+                if constexpr (sums_of == Sums::weighted_radiance) weight *= sights.weight[first + lane];
                 sums[0][lane] += weight;
+                if constexpr (sums_of == Sums::weights) continue;
                 sums[1][lane] += weight * sights.red[first + lane];
                 sums[2][lane] += weight * sights.green[first + lane];
                 sums[3][lane] += weight * sights.blue[first + lane];
@@ -131,11 +134,15 @@ FEWRAYS_INLINE Group add_up(const Sights& sights, const SightRow* rows, int row_
 
 FEWRAYS_CLONES Group group_of_matte(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
                                     float farthest) {
-    return add_up<false>(sights, rows, row_count, place, farthest);
+    return add_up<Sums::radiance>(sights, rows, row_count, place, farthest);
 }
 FEWRAYS_CLONES Group group_of_glossy(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
                                      float farthest) {
-    return add_up<true>(sights, rows, row_count, place, farthest);
+    return add_up<Sums::weighted_radiance>(sights, rows, row_count, place, farthest);
+}
+FEWRAYS_CLONES Group group_of_numbers(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
+                                      float farthest) {
+    return add_up<Sums::weights>(sights, rows, row_count, place, farthest);
 }
 constexpr int all_quadrants = 15;
 
@@ -285,6 +292,19 @@ FEWRAYS_CLONES bool closes_triangle(const float* FEWRAYS_RESTRICT x, const float
 
 }  // namespace
 
+SurfaceStatistics& SurfaceStatistics::operator+=(const SurfaceStatistics& other) {
+    locations += other.locations;
+    empty += other.empty;
+    single += other.single;
+    quadrants += other.quadrants;
+    covered += other.covered;
+    last += other.last;
+    wide += other.wide;
+    surfaces += other.surfaces;
+    merged += other.merged;
+    return *this;
+}
+
 void Crowd::begin(const Sights& from, int most) {
     from_ = from;
     size_ = 0;
@@ -337,7 +357,8 @@ Surfaces::Verdict Surfaces::glance(const Sights& sights, const SightRow* rows, i
                                ? range.most
                                : end_of_surface(sights, rows, row_count, place, range.least, steps_at_a_glance, rule_);
     if (farthest == -infinity) return Verdict::several;
-    const auto group_of = sights.weight ? group_of_glossy : group_of_matte;
+    // Who wants to know the samples' numbers averages them for himself.
+    const auto group_of = sights.number ? group_of_numbers : sights.weight ? group_of_glossy : group_of_matte;
     const Group front = group_of(sights, rows, row_count, place, farthest);
     const bool single = farthest >= range.most;
     if (!(front.weight > 0) || (!single && front.quadrants != all_quadrants)) return Verdict::several;
@@ -347,6 +368,7 @@ Surfaces::Verdict Surfaces::glance(const Sights& sights, const SightRow* rows, i
     seen[1] = front.green / front.weight;
     seen[2] = front.blue / front.weight;
     seen[3] = range.least;
+    found_ = {true, farthest, place.tent, -1, true};
     return Verdict::found;
 }
 
@@ -366,6 +388,7 @@ Surfaces::Verdict Surfaces::front_surface(float* seen) {
         return Verdict::several;
     ++*counter;
     statistics_.surfaces += left_ == 0 ? 1 : 2;
+    found_.first = true;
     filter(rule_.radius, seen);
     return Verdict::found;
 }
@@ -382,6 +405,7 @@ void Surfaces::begin_surfaces() {
 // they cover blend with the next behind them.
 void Surfaces::choose(float radius, float* seen) {
     begin_surfaces();
+    found_.first = true;
     while (true) {
         next_surface();
         ++statistics_.surfaces;
@@ -395,6 +419,7 @@ void Surfaces::choose(float radius, float* seen) {
             return filter(radius, seen);
         }
         surface_.clear();
+        found_.first = false;
     }
 }
 
@@ -511,7 +536,7 @@ bool Surfaces::on_one_side(int n) const {
 }
 
 // The mean of the surface under a tent, which is widened until it holds a sample; or the nearest sample.
-void Surfaces::filter(float radius, float* seen) const {
+void Surfaces::filter(float radius, float* seen) {
     const Sights& from = crowd_.from();
     const auto distance = [&](int i) { return std::sqrt(sights_.x[i] * sights_.x[i] + sights_.y[i] * sights_.y[i]); };
     seen[3] = infinity;
@@ -519,6 +544,7 @@ void Surfaces::filter(float radius, float* seen) const {
     if (rule_.tent == 0) {
         const int nearest = *std::min_element(surface_.begin(), surface_.end(),
                                               [&](int a, int b) { return distance(a) < distance(b); });
+        found_ = {false, 0.0f, 0.0f, nearest, found_.first};
         const std::ptrdiff_t source = crowd_.source(nearest);
         seen[0] = from.red[source];
         seen[1] = from.green[source];
@@ -527,6 +553,7 @@ void Surfaces::filter(float radius, float* seen) const {
     }
     float sums[4] = {};
     for (radius *= rule_.tent; !(sums[0] > 0); radius *= 2) {
+        found_ = {false, 0.0f, radius, -1, found_.first};
         std::fill_n(sums, 4, 0.0f);
         for (int i : surface_) {
             const std::ptrdiff_t source = crowd_.source(i);

@@ -2,6 +2,7 @@
 // src/fewrays/temporal/surfaces.py.
 #pragma once
 
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -22,6 +23,7 @@ struct Sights {
     const float *speed_x, *speed_y;  // null where nothing moves
     const float* weight;             // less than 1 for samples far from their own lens point; null where all are matte
     const float *red, *green, *blue;
+    const std::int32_t* number;  // which of all samples it is; null where nobody asks
 };
 
 // Some of them, one after the other. Arrays have room for `read_beyond` more.
@@ -63,11 +65,21 @@ private:
 struct SurfaceStatistics {
     std::int64_t locations, empty, single, quadrants, covered, last;  // by how the surface was found
     std::int64_t wide, surfaces, merged;                              // looks beyond R; surfaces seen, and joined
+
+    SurfaceStatistics& operator+=(const SurfaceStatistics& other);
 };
 
 class Surfaces {
 public:
-    explicit Surfaces(const SurfaceRule& rule) : rule_(rule) {}
+    explicit Surfaces(const SurfaceRule& rule) : base_(rule), rule_(rule) {}
+
+    // From now on, lengths of the rule count so many times.
+    void scale(float factor) {
+        rule_.radius = factor * base_.radius;
+        rule_.tolerance = factor * base_.tolerance;
+        rule_.overhang = factor * base_.overhang;
+    }
+    float radius() const { return rule_.radius; }
 
     // Finds what is seen at a location, radiance and slope; false if no sample is near. All samples within R are in the
     // rows; look(radius, crowd) collects those within a radius.
@@ -103,6 +115,35 @@ public:
         return true;
     }
 
+    // Whether what was found last is the first of the surfaces seen near the location.
+    bool found_first() const { return found_.first; }
+
+    // Calls visit(sights, index, x, y, weight) for the samples that made up what resolve() found last, with positions
+    // relative to the location and weights under the tent. Its arguments are those of resolve().
+    template <typename Visit>
+    void visit_found(const Sights& sights, const SightRow* rows, int row_count, float x, float y, Visit&& visit) const {
+        const auto visit_under = [&](const Sights& from, std::ptrdiff_t i, float dx, float dy) {
+            float weight = 1.0f - std::sqrt(dx * dx + dy * dy) / found_.tent;
+            if (!(weight > 0)) return;
+            if (from.weight) weight *= from.weight[i];
+            visit(from, i, dx, dy, weight);
+        };
+        if (!found_.at_a_glance) {
+            const Sights& from = crowd_.from();
+            if (found_.nearest >= 0)
+                return visit(from, crowd_.source(found_.nearest), sights_.x[found_.nearest], sights_.y[found_.nearest],
+                             1.0f);
+            for (int i : surface_) visit_under(from, crowd_.source(i), sights_.x[i], sights_.y[i]);
+            return;
+        }
+        const float radius2 = rule_.radius * rule_.radius;
+        for (int row = 0; row < row_count; ++row)
+            for (std::int32_t i = rows[row].first; i < rows[row].end; ++i) {
+                const float dx = sights.x[i] - x, dy = sights.y[i] - y;
+                if (dx * dx + dy * dy <= radius2 && sights.slope[i] <= found_.farthest) visit_under(sights, i, dx, dy);
+            }
+    }
+
     const SurfaceStatistics& statistics() const { return statistics_; }
 
 private:
@@ -119,9 +160,10 @@ private:
     bool fills_quadrants() const;
     bool on_one_side(int n) const;
     void move_towards_location();
-    void filter(float radius, float* seen) const;
+    void filter(float radius, float* seen);
 
-    const SurfaceRule rule_;
+    const SurfaceRule base_;
+    SurfaceRule rule_;
     Crowd crowd_;
     Sights sights_{};           // of the crowd
     std::vector<float> depth_;  // of the crowd: slopes, infinite for what surfaces have taken
@@ -129,6 +171,14 @@ private:
     std::vector<int> order_;
     std::vector<int> surface_;            // the samples of the surface at hand
     std::vector<float> ring_x_, ring_y_;  // positions of the surface at hand, for covers()
+    // How the samples were chosen that made up what was found: those up to a slope, or the surface at hand, under a
+    // tent of this radius; or the nearest alone.
+    struct {
+        bool at_a_glance;
+        float farthest, tent;
+        int nearest;
+        bool first;  // of the surfaces near the location
+    } found_{};
     SurfaceStatistics statistics_{};
 };
 

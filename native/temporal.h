@@ -2,9 +2,9 @@
 #pragma once
 
 #include <cstdint>
-#include <vector>
 
 #include "sample_tree.h"
+#include "shadows.h"
 #include "surfaces.h"
 
 namespace fewrays {
@@ -21,15 +21,13 @@ struct ViewPlan {
     const float* band_starts;
 };
 
-// Numbers of the samples that are seen within a radius of a place, in no particular order.
-std::vector<std::int32_t> samples_within(const SampleTree& tree, float x, float y, const View& view, float radius);
-
 // Reconstructs single locations, (count, 5): x, y, u, v, time. Where no sample is near, `found` is 0.
 void temporal_locations(const SampleTree& tree, const SurfaceRule& rule, const float* locations, std::int64_t count,
                         float* colors, std::uint8_t* found, SurfaceStatistics& statistics);
 
-// Reconstructs tiles [first, last) of the image, (H, W, band_count, 4): sums of radiance and weights.
-void temporal_tiles(const SampleTree& tree, const ViewPlan& plan, int first, int last, float* bands,
+// Reconstructs tiles [first, last) of the image, (H, W, band_count, 4): sums of radiance and weights. With lights, the
+// radiance is what the points that are seen reflect of them, and what is not theirs.
+void temporal_tiles(const SampleTree& tree, const ViewPlan& plan, const LitPlan* lit, int first, int last, float* bands,
                     SurfaceStatistics& statistics);
 
 }  // namespace fewrays

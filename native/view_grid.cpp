@@ -71,6 +71,7 @@ void LeafCache::clear() {
     for (std::int32_t leaf : leaves_) place_of_leaf_[leaf] = -1;
     leaves_.clear();
     for (auto& field : fields_) field.clear();
+    numbers_.clear();
 }
 
 LeafCache::Place LeafCache::place(std::int32_t leaf, const std::int32_t* samples, std::int32_t count) {
@@ -86,6 +87,7 @@ LeafCache::Place LeafCache::place(std::int32_t leaf, const std::int32_t* samples
     for (std::int32_t k = 0; k < padded; ++k) {
         const std::ptrdiff_t i = samples[std::min(k, count - 1)];
         const Path path = from.path(static_cast<std::int32_t>(i));
+        numbers_.push_back(static_cast<std::int32_t>(i));
         const float x = k < count ? path.x : nowhere;
         if (moving())
             push(0, {x, path.y, path.w, path.dx, path.dy, path.dw, path.c0});
@@ -97,8 +99,9 @@ LeafCache::Place LeafCache::place(std::int32_t leaf, const std::int32_t* samples
     return {first, padded};
 }
 
-void ViewGrid::fill(const Box& box, const View& view) {
+void ViewGrid::fill(const Box& box, const View& view, float cell) {
     box_ = box;
+    cell_ = cell;
     columns_ = static_cast<int>(std::ceil((box.right - box.left) / cell_)) + 1;
     rows_ = static_cast<int>(std::ceil((box.bottom - box.top) / cell_)) + 1;
     if (cache_.full()) cache_.clear();
@@ -147,6 +150,7 @@ void ViewGrid::sort(const View& view) {
     }
     // Placing samples moves each start to the cell's end, which is the next one's start.
     for (auto& field : sorted_) field.resize(cells_.size() + read_beyond);
+    if (numbered_) sorted_numbers_.resize(cells_.size());
     const std::int32_t strays = starts_[1];
     const int colors = cache_.color_field(), gloss = cache_.gloss_field();
     for (std::size_t i = 0; i < cells_.size(); ++i) {
@@ -154,6 +158,7 @@ void ViewGrid::sort(const View& view) {
         const auto to = static_cast<std::size_t>(starts[cells_[i]]++ - strays);
         const std::int32_t source = sources_[i];
         for (int field = 0; field < 3; ++field) sorted_[field][to] = seen_[field][i];
+        if (numbered_) sorted_numbers_[to] = cache_.number(source);
         for (int channel = 0; channel < 3; ++channel) sorted_[3 + channel][to] = cache_.field(colors + channel)[source];
         if (moving())
             for (int axis = 0; axis < 2; ++axis) sorted_[6 + axis][to] = seen_[3 + axis][i];
@@ -189,7 +194,8 @@ Sights ViewGrid::sights() const {
             glossy() ? field(8) : nullptr,
             field(3),
             field(4),
-            field(5)};
+            field(5),
+            numbered_ ? sorted_numbers_.data() : nullptr};
 }
 
 }  // namespace fewrays

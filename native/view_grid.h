@@ -27,6 +27,7 @@ public:
     // Paths: x, y and the slope of what is still; x, y, w, their changes and c0 of what moves. Then red, green
     // and blue, and the lens point and bandwidth of what is glossy.
     const float* field(int number) const { return fields_[number].data(); }
+    std::int32_t number(std::int32_t copy) const { return numbers_[copy]; }
     int color_field() const { return moving() ? 7 : 3; }
     int gloss_field() const { return color_field() + 3; }
 
@@ -38,19 +39,21 @@ private:
     const SampleTree& tree_;
     std::vector<std::int32_t> place_of_leaf_, leaves_;
     std::vector<float> fields_[13];
+    std::vector<std::int32_t> numbers_;
 };
 
 class ViewGrid {
 public:
-    ViewGrid(const SampleTree& tree, float cell) : tree_(tree), cell_(cell), cache_(tree) {}
+    // With `numbered`, what is seen knows which samples it is.
+    explicit ViewGrid(const SampleTree& tree, bool numbered = false) : tree_(tree), numbered_(numbered), cache_(tree) {}
 
     // Forgets the copies made for an earlier part of the image.
     void clear() { cache_.clear(); }
-    // Collects what is seen in a box.
-    void fill(const Box& box, const View& view);
+    // Collects what is seen in a box, in cells of this side.
+    void fill(const Box& box, const View& view, float cell);
 
-    // The rows of cells within a distance of a place in the box, less than three cells.
-    static constexpr int most_rows = 6;
+    // The rows of cells within a distance of a place in the box, less than four cells.
+    static constexpr int most_rows = 8;
     int rows_around(float x, float y, float distance, SightRow* rows) const;
 
     Sights sights() const;  // sorted by cell
@@ -62,14 +65,16 @@ private:
     void sort(const View& view);
 
     const SampleTree& tree_;
-    const float cell_;
+    const bool numbered_;
     LeafCache cache_;
     Box box_{};
+    float cell_ = 0;
     int rows_ = 0, columns_ = 0;
     std::vector<LeafCache::Place> places_;
     std::vector<float> seen_[5];  // x, y, slope and speeds of the samples of all places
     std::vector<std::int32_t> cells_, sources_, starts_;
     std::vector<float> sorted_[9];
+    std::vector<std::int32_t> sorted_numbers_;
 };
 
 // How much a sample counts from a lens point that lies (u, v) from its own, for a bandwidth; an infinite one fully.

@@ -20,6 +20,7 @@ from fewrays.cli import COMMANDS, main, parse
 from fewrays.cli.command import InputFlags
 from fewrays.cli.info import effective_spp, placement
 from fewrays.cli.render import Render
+from lit_buffers import lit_buffer
 
 DOCS = Path(__file__).parent.parent / "docs" / "cli.md"
 
@@ -241,6 +242,33 @@ def test_info_describes_the_samples(capsys: pytest.CaptureFixture[str]) -> None:
         "gaussian",
     ):
         assert text in out
+
+
+def test_info_describes_lights(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    samples = lit_buffer((6, 8, 4), blocked=0.25)
+    save(folder / "lit.npz", samples)
+    assert main(["info", "lit.npz"]) == 0
+    out = capsys.readouterr().out
+    assert re.search(r"light 0 +rectangle, 1\.649 x 0\.8246, at \(0\.3, -3, 4\) from the lens; ", out)
+    assert re.search(r"light 1 +disc, 1 x 0\.8485, at \(-3, -3, 2\) from the lens, moving; ", out)
+    assert samples.lighting is not None
+    aimed = samples.lighting.lights[1].density > 0
+    arrive = samples.lighting.arrives(samples, 1).sum() / aimed.sum()
+    assert f"{aimed.mean():.2%} of the samples have a light sample, {arrive:.2%} of which arrive" in out
+    assert re.search(r"unlit +mean 0\.\d+; .* differ from the radiance by 0\.0e\+00 of its mean", out)
+    save(folder / "lit.npz", dataclasses.replace(samples, color=2 * samples.color))
+    assert main(["info", "lit.npz"]) == 0
+    assert "differ from the radiance by 5.0e-01 of its mean" in capsys.readouterr().out
+
+
+def test_convert_says_that_lights_get_lost(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    save(folder / "lit.npz", lit_buffer((6, 8, 4)))
+    assert main(["convert", "lit.npz", "lit.exr"]) == 0
+    err = capsys.readouterr().err
+    assert re.fullmatch(r"fewrays: warning: lit\.exr: lights and light samples are not written.*\n", err)
+    assert main(["convert", "lit.npz", "again.npz"]) == 0
+    assert capsys.readouterr().err == ""
+    assert load("again.npz").lighting is not None
 
 
 def test_placement_counts_samples() -> None:

@@ -15,12 +15,14 @@ from fewrays.errors import SampleError
 from fewrays.io import load, load_image, save, save_image
 from fewrays.lens import Lens
 from fewrays.samples import SampleBuffer
+from lit_buffers import LIGHTS, lit_buffer
 
 resource = pytest.importorskip("resource", reason="measures memory and makes pipes as POSIX systems do")
 
 SAMPLES: dict[str, dict[str, Any]] = {
     "stored.npz": {},
     "deflated.npz": {"compressed": True},
+    "lit.npz": {},
     "binary.tlfr": {},
     "text.txt": {},
     "zips.exr": {},
@@ -31,7 +33,9 @@ MEMORY = 8 << 20  # bytes that reading a damaged file of a few kilobytes may tak
 Load = Callable[[Path], object]
 
 
-def small_buffer() -> SampleBuffer:
+def small_buffer(name: str = "") -> SampleBuffer:
+    if name.startswith("lit"):
+        return lit_buffer((1, 2, 2), lights=LIGHTS[1:])
     rng = np.random.default_rng(7)
     shape = (1, 2, 2)
     return SampleBuffer(
@@ -54,7 +58,7 @@ def case(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Path, Path, Lo
         save_image(damaged, np.random.default_rng(3).uniform(0, 1, (5, 4, 3)).astype(np.float32))
         return damaged, damaged, load_image
     loaded = tmp_path / name.removesuffix(".header")
-    save(loaded, small_buffer(), **SAMPLES[loaded.name])
+    save(loaded, small_buffer(name), **SAMPLES[loaded.name])
     return damaged, loaded, load
 
 
@@ -168,7 +172,7 @@ def test_a_failed_save_leaves_the_old_file_and_nothing_else(
     tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / name
-    save(path, small_buffer(), **SAMPLES[name])
+    save(path, small_buffer(name), **SAMPLES[name])
     before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
 
     def fail(*_: object, **__: object) -> bytes:
@@ -178,7 +182,7 @@ def test_a_failed_save_leaves_the_old_file_and_nothing_else(
     monkeypatch.setattr("fewrays.io.tlfr._rows", fail)
     monkeypatch.setattr("fewrays.io.exr.pack_chunk", fail)
     with pytest.raises(SampleError, match="No space left") as caught:
-        save(path, small_buffer(), **SAMPLES[name])
+        save(path, small_buffer(name), **SAMPLES[name])
     assert caught.value.file == str(path)
     assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import tracemalloc
 import zipfile
@@ -14,7 +15,9 @@ import pytest
 from fewrays.errors import SampleError
 from fewrays.io import load, save
 from fewrays.lens import Lens
-from fewrays.samples import SampleBuffer
+from fewrays.lighting import Lighting, LightSamples
+from fewrays.samples import OFF_IMAGE, SampleBuffer
+from lit_buffers import LIGHTS, lit_buffer
 
 SHAPE = (2, 3, 4)
 
@@ -186,3 +189,161 @@ def test_a_claim_beyond_what_deflate_can_do_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.npz").write_bytes(data[:at] + (2**31 + 128).to_bytes(4, "little") + data[at + 4 :])
     with pytest.raises(SampleError, match="compressed bytes can hold"):
         load(tmp_path / "a.npz")
+
+
+class TestLighting:
+    """Area lights: members named as the fields are."""
+
+    def stored(self, path: Path) -> dict[str, Any]:
+        """Write a buffer with two lights and return its members."""
+        save(path, lit_buffer(SHAPE))
+        with np.load(path, allow_pickle=False) as file:
+            return dict(file)
+
+    @pytest.mark.parametrize("options", [{}, {"compressed": True}, {"half": True}])
+    @pytest.mark.parametrize("moving", [False, True])
+    def test_everything_comes_back(self, tmp_path: Path, options: dict[str, Any], moving: bool) -> None:
+        samples = lit_buffer(SHAPE, moving=moving)
+        save(tmp_path / "a.npz", samples, **options)
+        after, before = load(tmp_path / "a.npz").lighting, samples.lighting
+        assert after is not None
+        assert before is not None
+        assert after.projection == before.projection
+        assert [each.light for each in after.lights] == list(LIGHTS)
+        pairs: list[tuple[Lighting | LightSamples, Lighting | LightSamples]] = [(after, before)]
+        pairs += zip(after.lights, before.lights, strict=True)
+        for new, old in pairs:
+            assert new.field_names() == old.field_names()
+            for name in new.field_names():
+                assert getattr(new, name).dtype == np.float32
+                np.testing.assert_array_equal(getattr(new, name), getattr(old, name))
+
+    def test_numpy_reads_the_members_that_are_documented(self, tmp_path: Path) -> None:
+        stored = self.stored(tmp_path / "a.npz")
+        for member in (
+            *("lighting.projection.focal", "lighting.projection.center"),
+            *("lighting.normal", "lighting.depth_gradient", "lighting.unlit"),
+            *("light1.lxy", "light1.luv", "light1.depth", "light1.radiance", "light1.density"),
+            *("light1.reflectance", "light1.motion", "light1.light.center", "light1.light.half_u"),
+            *("light1.light.half_v", "light1.light.motion", "light1.light.plane_distance"),
+        ):
+            assert stored[member].dtype.kind == "f", member
+        assert stored["light1.light.shape"] == "disc"
+        assert "light2.lxy" not in stored
+        documented = (Path(__file__).parents[1] / "docs" / "formats.md").read_text("utf-8")
+        kinds = {name.replace("light1", "light0") for name in stored if not name.startswith("light0.")}
+        assert [name for name in kinds if f"`{name}`" not in documented] == []
+
+    def test_defaults_may_be_missing(self, tmp_path: Path) -> None:
+        stored = self.stored(tmp_path / "a.npz")
+        for name in (
+            "light0.light.shape",
+            "light0.light.motion",
+            "light0.light.plane_distance",
+            "light1.motion",
+        ):
+            del stored[name]
+        np.savez(tmp_path / "b.npz", **stored)
+        lighting = load(tmp_path / "b.npz").lighting
+        assert lighting is not None
+        light = lighting.lights[0].light
+        assert (light.shape, light.motion, light.plane_distance) == ("rectangle", (0, 0, 0), 1)
+        assert lighting.lights[1].motion is None
+
+    @pytest.mark.parametrize(
+        ("changed", "field", "words"),
+        [
+            ({"lighting.normal": None}, "lighting.normal", "is missing"),
+            ({"lighting.projection.focal": None}, "lighting.projection.focal", "is missing"),
+            ({"lighting.projection.focal": np.ones(3)}, "lighting.projection.focal", "2 numbers"),
+            ({"lighting.projection.focal": -np.ones(2)}, "lighting.projection.focal", "positive"),
+            ({"lighting.projection.center": "here"}, "lighting.projection.center", "2 numbers"),
+            ({"lighting.normal": np.ones((*SHAPE, 3))}, "lighting.normal", "length"),
+            ({"lighting.normal": np.ones((*SHAPE, 2))}, "lighting.normal", "(H, W, S, 3)"),
+            ({"lighting.unlit": np.ones((1, 3, 4, 3))}, "lighting.unlit", "(2, 3, 4, 3)"),
+            ({"lighting.unlit": np.ones((*SHAPE, 3), int)}, "lighting.unlit", "int64"),
+            ({"light0.lxy": None}, "light0.lxy", "is missing"),
+            ({"light0.lxy": np.full((*SHAPE, 2), np.nan)}, "light0.lxy", "NaN"),
+            ({"light1.depth": np.zeros(SHAPE)}, "light1.depth", "positive"),
+            ({"light1.motion": np.ones(SHAPE)}, "light1.motion", "(H, W, S, 3)"),
+            ({"light1.luv": np.full((*SHAPE, 2), 2.0)}, "light1.luv", "2.0"),
+            ({"light0.light.half_u": np.zeros(3)}, "light0.light.half_u", "length"),
+            ({"light0.light.center": np.ones(2)}, "light0.light.center", "3 numbers"),
+            ({"light0.light.center": np.full(3, np.nan)}, "light0.light.center", "finite"),
+            ({"light1.light.shape": "hexagon"}, "light1.light.shape", "'hexagon'"),
+            ({"light1.light.shape": 3}, "light1.light.shape", "a text"),
+            ({"light1.light.plane_distance": 0.0}, "light1.light.plane_distance", "positive"),
+            ({"light3.lxy": np.ones((*SHAPE, 2))}, "light2", "numbered from 0"),
+            ({f"light{n}.depth": np.ones(SHAPE) for n in range(70)}, "lighting", "70 lights"),
+            ({"time": None}, "lighting", "give time"),
+        ],
+    )
+    def test_a_wrong_member_is_named(
+        self, tmp_path: Path, changed: dict[str, Any], field: str, words: str
+    ) -> None:
+        stored = self.stored(tmp_path / "a.npz")
+        both = {name: value for name, value in (stored | changed).items() if value is not None}
+        np.savez(tmp_path / "b.npz", **both)
+        with pytest.raises(SampleError) as caught:
+            load(tmp_path / "b.npz")
+        assert (caught.value.file, caught.value.field) == (str(tmp_path / "b.npz"), field)
+        assert words in caught.value.problem
+
+    def test_lighting_without_lights_is_none(self, tmp_path: Path) -> None:
+        stored = self.stored(tmp_path / "a.npz")
+        kept = {name: value for name, value in stored.items() if not name.startswith(("light0.", "light1."))}
+        np.savez(tmp_path / "b.npz", **kept)
+        with pytest.raises(SampleError, match="1 to 64 lights, got 0") as caught:
+            load(tmp_path / "b.npz")
+        assert caught.value.field == "lighting.lights"
+
+    @pytest.mark.parametrize(
+        ("name", "data", "words"),
+        [
+            ("light0.depth", raw_npy((60_000, 30_000, 1), b"abcd"), "takes 7200000000 bytes"),
+            ("light1.radiance", raw_npy((2**40, 2**40, 2**40, 3), b""), "over the cap"),
+            ("lighting.normal", raw_npy((2, -3, 4, 3), b""), "shape"),
+            ("light0.light.center", raw_npy((3,), b"", "<f8"), "takes 24 bytes, the member has 0"),
+            ("light0.light.center", raw_npy((2**40,), b"", "<f8"), "expected 3 numbers"),
+            ("light0.light.shape", raw_npy((), b"", "<U1000000"), "expected a text"),
+        ],
+    )
+    def test_claimed_sizes_are_checked_first(
+        self, tmp_path: Path, name: str, data: bytes, words: str
+    ) -> None:
+        stored = self.stored(tmp_path / "a.npz")
+        del stored[name]
+        np.savez(tmp_path / "b.npz", **stored)
+        with zipfile.ZipFile(tmp_path / "b.npz", "a") as archive:
+            archive.writestr(f"{name}.npy", data)
+        tracemalloc.start()
+        with pytest.raises(SampleError, match=words) as caught:
+            load(tmp_path / "b.npz")
+        assert tracemalloc.get_traced_memory()[1] < 1 << 20
+        tracemalloc.stop()
+        assert caught.value.field == name
+
+    @pytest.mark.parametrize("member", ["light1.radiance", "lighting.unlit", "color"])
+    def test_dropping_reaches_all_that_belongs_together(self, tmp_path: Path, member: str) -> None:
+        stored = self.stored(tmp_path / "a.npz")
+        stored[member][1, 2, 0, 1] = np.nan
+        np.savez(tmp_path / "b.npz", **stored)
+        with pytest.warns(UserWarning, match="dropped 1 of 24 "):
+            loaded = load(tmp_path / "b.npz", nan="drop")
+        assert loaded.lighting is not None
+        gone = np.zeros(SHAPE, bool)
+        gone[1, 2, 0] = True
+        np.testing.assert_array_equal(loaded.lighting.dropped(), gone)
+        np.testing.assert_array_equal(loaded.xy[..., 0] == OFF_IMAGE, gone)
+        np.testing.assert_allclose(loaded.lighting.color(loaded), loaded.color, rtol=1e-6)
+
+    @pytest.mark.parametrize("name", ["a.tlfr", "a.bin", "a.txt", "a.exr"])
+    def test_formats_without_lights_say_so(self, tmp_path: Path, name: str) -> None:
+        samples = lit_buffer(SHAPE)
+        with pytest.warns(UserWarning, match=r"not written.*save as \.npz") as caught:
+            save(tmp_path / name, samples)
+        assert caught[0].filename == __file__
+        loaded = load(tmp_path / name, sampling="square")
+        assert loaded.lighting is None
+        np.testing.assert_array_equal(loaded.color, samples.color)
+        save(tmp_path / name, dataclasses.replace(samples, lighting=None))  # asked for: no warning

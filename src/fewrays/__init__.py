@@ -4,6 +4,7 @@ from fewrays.dynamic import defocus
 from fewrays.errors import SampleError
 from fewrays.io import load, load_image, save, save_image
 from fewrays.lens import Lens
+from fewrays.lighting import AreaLight, Lighting, LightSamples, Projection
 from fewrays.metrics import compare
 from fewrays.multiplane import Multiplane
 from fewrays.reconstruct import METHODS, reconstruct
@@ -11,8 +12,12 @@ from fewrays.samples import SampleBuffer
 
 __all__ = [
     "METHODS",
+    "AreaLight",
     "Lens",
+    "LightSamples",
+    "Lighting",
     "Multiplane",
+    "Projection",
     "SampleBuffer",
     "SampleError",
     "compare",

@@ -7,28 +7,34 @@ methods behind it can trust every number.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from fewrays.errors import SampleError, first_index
+from fewrays.arrays import (
+    OFF_IMAGE,
+    Arrays,
+    Float32,
+    as_float32,
+    check_nan_option,
+    check_range,
+    check_shapes,
+    find_unusable,
+    park,
+)
+from fewrays.errors import SampleError
 from fewrays.lens import Lens
+from fewrays.lighting import Lighting
 
 __all__ = ["MAX_IMAGE_SIZE", "MAX_SAMPLES", "OFF_IMAGE", "SampleBuffer"]
-
-Float32 = npt.NDArray[np.float32]
 
 MAX_IMAGE_SIZE = 65_536
 """Largest width and height in pixels that fewrays accepts."""
 
 MAX_SAMPLES = 2**31
 """Largest number of samples in one buffer."""
-
-OFF_IMAGE = -(2.0**20)
-"""Image coordinate where dropped samples are parked, so far outside that nothing gathers them."""
 
 _LENS_TOLERANCE = 1e-4
 
@@ -62,9 +68,13 @@ class SampleBuffer:
         How far over the lens a sample's radiance holds: the standard deviation, in lens units, of a Gaussian
         on the (u, v) plane around the sample's lens position (temporal, section 6). Positive; infinite, which
         only this field may be, where the surface is matte and looks the same from the whole lens.
+    lighting : Lighting, optional
+        Area lights, with a light sample for each of these samples and each light. `color` then is
+        `Lighting.color`: it holds all light, for the methods that know nothing of lights.
     nan : {"reject", "drop"}
         What to do with samples that hold a NaN, or an infinity where none is legal: raise, or drop them with
-        a warning.
+        a warning. Their light samples are dropped with them, and samples whose light samples were dropped
+        are dropped too.
 
     Raises
     ------
@@ -87,6 +97,20 @@ class SampleBuffer:
     SampleBuffer(4 x 3 pixels, 8 spp, lens=Lens(c0=-10.0, c1=2.0, ...), still)
     """
 
+    CHANNELS: ClassVar[dict[str, int | None]] = {
+        "xy": 2,
+        "uv": 2,
+        "depth": None,
+        "color": 3,
+        "time": None,
+        "motion": 3,
+        "bandwidth": None,
+    }
+    """Each array's length along the axis after (H, W, S), if there is one."""
+
+    OPTIONAL: ClassVar[tuple[str, ...]] = ("time", "motion", "bandwidth")
+    """The arrays that there need not be."""
+
     xy: Float32
     uv: Float32
     depth: Float32
@@ -95,6 +119,7 @@ class SampleBuffer:
     time: Float32 | None = None
     motion: Float32 | None = None
     bandwidth: Float32 | None = None
+    lighting: Lighting | None = None
 
     def __init__(
         self,
@@ -106,30 +131,33 @@ class SampleBuffer:
         time: npt.ArrayLike | None = None,
         motion: npt.ArrayLike | None = None,
         bandwidth: npt.ArrayLike | None = None,
+        lighting: Lighting | None = None,
         *,
         nan: Literal["reject", "drop"] = "reject",
     ) -> None:
         if not isinstance(lens, Lens):
             raise SampleError(f"expected a fewrays.Lens, got {type(lens).__name__}", field="lens")
-        if nan not in ("reject", "drop"):
-            raise SampleError(f"expected 'reject' or 'drop', got {nan!r}", field="nan")
+        check_nan_option(nan)
         if motion is not None and time is None:
             raise SampleError("motion needs the samples' times: give time as well", field="motion")
 
         given = {"xy": xy, "uv": uv, "depth": depth, "color": color, "time": time, "motion": motion}
         given["bandwidth"] = bandwidth
-        arrays = {name: _as_float32(name, value) for name, value in given.items() if value is not None}
-        _check_shapes(arrays)
-        arrays = _check_finite(arrays, drop=nan == "drop")
+        arrays = {name: as_float32(name, value) for name, value in given.items() if value is not None}
+        _check_size(arrays["depth"])
+        check_shapes(arrays, self.CHANNELS, arrays["depth"].shape)
+        if lighting is not None:
+            _check_lighting(lighting, arrays)
+        arrays, lighting = _drop_unusable(arrays, lighting, drop=nan == "drop")
         _check_values(arrays, lens)
         object.__setattr__(self, "lens", lens)
+        object.__setattr__(self, "lighting", lighting)
         for name in given:
             object.__setattr__(self, name, arrays.get(name))
 
     def field_names(self) -> tuple[str, ...]:
-        """Names of the arrays that this buffer holds."""
-        optional = [name for name in _OPTIONAL if getattr(self, name) is not None]
-        return ("xy", "uv", "depth", "color", *optional)
+        """Names of the arrays that this buffer holds, without those of `lighting`."""
+        return tuple(name for name in self.CHANNELS if getattr(self, name) is not None)
 
     @property
     def height(self) -> int:
@@ -148,8 +176,9 @@ class SampleBuffer:
 
     @property
     def nbytes(self) -> int:
-        """Bytes that the arrays take."""
-        return sum(getattr(self, name).nbytes for name in self.field_names())
+        """Bytes that the arrays take, those of `lighting` included."""
+        own: int = sum(getattr(self, name).nbytes for name in self.field_names())
+        return own + (0 if self.lighting is None else self.lighting.nbytes)
 
     def slope(self) -> Float32:
         """Signed circle-of-confusion radius of every sample, ``(H, W, S)`` in pixels."""
@@ -165,6 +194,8 @@ class SampleBuffer:
         A bandwidth is a distance on the lens in units of its radius: a lens of twice the radius halves the
         number. It becomes infinite with a pinhole, all of whose positions are one point; from a pinhole,
         where a lens unit measures nothing, it stays as it is.
+
+        What `lighting` says is about the surface points, or seen from the lens centre: it stays.
 
         Parameters
         ----------
@@ -211,24 +242,20 @@ class SampleBuffer:
         return (
             f"SampleBuffer({self.width} x {self.height} pixels, {self.spp} spp, "
             f"lens=Lens(c0={self.lens.c0:.6}, c1={self.lens.c1:.6}, ...), "
-            f"{'still' if self.motion is None else 'moving'})"
+            f"{'still' if self.motion is None else 'moving'}"
+            f"{'' if self.lighting is None else f', {_count_lights(self.lighting)}'})"
         )
 
 
-_CHANNELS = {"xy": 2, "uv": 2, "depth": None, "color": 3, "time": None, "motion": 3, "bandwidth": None}
-_OPTIONAL = ("time", "motion", "bandwidth")
+_PARKED = {"xy": OFF_IMAGE, "depth": 1.0, "bandwidth": 1.0}
 
 
-def _as_float32(name: str, value: npt.ArrayLike) -> Float32:
-    array = np.asarray(value)
-    if array.dtype.kind not in "fiub":
-        raise SampleError(f"expected real numbers, got dtype {array.dtype}", field=name)
-    with np.errstate(over="ignore"):  # what overflows becomes infinite and is reported as such
-        return np.ascontiguousarray(array, dtype=np.float32)
+def _count_lights(lighting: Lighting) -> str:
+    count = len(lighting.lights)
+    return "1 light" if count == 1 else f"{count} lights"
 
 
-def _check_shapes(arrays: dict[str, Float32]) -> None:
-    depth = arrays["depth"]
+def _check_size(depth: Float32) -> None:
     if depth.ndim != 3:
         raise SampleError(f"expected shape (H, W, S), got {depth.shape}", field="depth")
     height, width, spp = depth.shape
@@ -242,48 +269,47 @@ def _check_shapes(arrays: dict[str, Float32]) -> None:
             f"{MAX_SAMPLES} samples; reconstruct it in parts",
             field="depth",
         )
-    for name, array in arrays.items():
-        channels = _CHANNELS[name]
-        expected = depth.shape if channels is None else (*depth.shape, channels)
-        if array.shape != expected:
-            raise SampleError(
-                f"expected shape {expected} to go with depth's {depth.shape}, got {array.shape}", field=name
-            )
 
 
-def _check_finite(arrays: dict[str, Float32], *, drop: bool) -> dict[str, Float32]:
+def _check_lighting(lighting: Lighting, arrays: Arrays) -> None:
+    if not isinstance(lighting, Lighting):
+        raise SampleError(f"expected a fewrays.Lighting, got {type(lighting).__name__}", field="lighting")
+    shape = arrays["depth"].shape
+    if lighting.shape != shape:
+        raise SampleError(
+            f"expected shape {shape} to go with depth's, got {lighting.shape}: one light sample for each "
+            "sample",
+            field="lighting",
+        )
+    if lighting.moves and "time" not in arrays:
+        raise SampleError(
+            "lights or what they shine on move, which needs the samples' times: give time as well",
+            field="lighting",
+        )
+
+
+def _drop_unusable(
+    arrays: Arrays, lighting: Lighting | None, *, drop: bool
+) -> tuple[Arrays, Lighting | None]:
     """Reject samples with NaN or infinities that are not legal, or park them off the image."""
-    bad = np.zeros(arrays["depth"].shape, bool)
-    for name, array in arrays.items():
-        # A finite sum shows at once that every value is.
-        with np.errstate(invalid="ignore"):
-            if np.isfinite(array.sum(dtype=np.float64)):
-                continue
-        finite = ~np.isnan(array) if name == "bandwidth" else np.isfinite(array)
-        if finite.all():
-            continue
-        if not drop:
-            index = first_index(~finite)
-            raise SampleError(
-                f"{finite.size - int(finite.sum())} of {finite.size} values are NaN or infinite, the first "
-                f"at {list(index)}: {array[index]}; mend the renderer's output or pass nan='drop'",
-                field=name,
-            )
-        bad |= ~(finite if finite.ndim == 3 else finite.all(axis=-1))
-    if not bad.any():
-        return arrays
-    warnings.warn(f"dropped {int(bad.sum())} of {bad.size} samples that hold NaN or infinity", stacklevel=4)
-    dropped = {"xy": OFF_IMAGE, "depth": 1.0, "bandwidth": 1.0}
-    cleaned = {}
-    for name, array in arrays.items():
-        cleaned[name] = array.copy()
-        cleaned[name][bad] = dropped.get(name, 0.0)
-    return cleaned
+    shape = arrays["depth"].shape
+    bad = find_unusable(arrays, shape, drop=drop, may_be_infinite=("bandwidth",))
+    if lighting is not None:
+        unlit = lighting.dropped()
+        if (bad & ~unlit).any():
+            lighting = lighting.drop(bad)
+        bad |= unlit & ~(arrays["xy"] == OFF_IMAGE).all(axis=-1)
+    if bad.any():
+        warnings.warn(
+            f"dropped {int(bad.sum())} of {bad.size} samples that hold NaN or infinity", stacklevel=4
+        )
+        arrays = park(arrays, bad, _PARKED)
+    return arrays, lighting
 
 
 def _check_values(arrays: dict[str, Float32], lens: Lens) -> None:
-    _check_range("depth", arrays["depth"], lambda d: d > 0, "depth must be positive")
-    _check_range(
+    check_range("depth", arrays["depth"], lambda d: d > 0, "depth must be positive")
+    check_range(
         "uv",
         arrays["uv"],
         lambda uv: np.abs(uv) <= 1 + _LENS_TOLERANCE,
@@ -291,18 +317,18 @@ def _check_values(arrays: dict[str, Float32], lens: Lens) -> None:
     )
     if lens.sampling == "disc":
         rim = (1 + _LENS_TOLERANCE) ** 2
-        _check_range(
+        check_range(
             "uv",
             arrays["uv"],
             lambda uv: np.square(uv[..., 0]) + np.square(uv[..., 1]) <= rim,
             "lies outside the unit disc although lens.sampling is 'disc'; is it 'square' or 'gaussian'?",
         )
     if "time" in arrays:
-        _check_range(
+        check_range(
             "time", arrays["time"], lambda t: (t >= 0) & (t <= 1), "times lie in [0, 1] over the shutter"
         )
     if "bandwidth" in arrays:
-        _check_range(
+        check_range(
             "bandwidth",
             arrays["bandwidth"],
             lambda b: b > 0,
@@ -310,27 +336,10 @@ def _check_values(arrays: dict[str, Float32], lens: Lens) -> None:
         )
     with np.errstate(over="ignore"):
         slope = lens.slope(arrays["depth"])
-    _check_range(
+    check_range(
         "depth",
         slope,
         np.isfinite,
         "its slope c0 / depth + c1 overflows: the depth is too small",
         arrays["depth"],
     )
-
-
-def _check_range(
-    name: str,
-    array: npt.NDArray[np.floating],
-    accept: Callable[[npt.NDArray[np.floating]], npt.NDArray[np.bool_]],
-    hint: str,
-    shown: Float32 | None = None,
-) -> None:
-    """Raise unless `accept` holds for all of `array`, naming the first exception and how many there are."""
-    good = accept(array)
-    if good.all():
-        return
-    index = first_index(~good)
-    value = (array if shown is None else shown)[index]
-    count = good.size - int(good.sum())
-    raise SampleError(f"value {value} at {list(index)} ({count} such): {hint}", field=name)

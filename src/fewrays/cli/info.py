@@ -11,12 +11,14 @@ from tyro.conf import OmitArgPrefixes
 from fewrays.cli.command import Command, InputFlags, SamplesFile
 from fewrays.cli.source import preparing_method
 from fewrays.lens import Lens
+from fewrays.lighting import Lighting
 from fewrays.method import Preparation
 from fewrays.samples import SampleBuffer
 
 __all__ = ["Info", "describe"]
 
 _PERCENTILES = {"min": 0, "1%": 1, "25%": 25, "median": 50, "75%": 75, "99%": 99, "max": 100}
+_DARKEST = 1e-30  # mean radiance below which an image is black
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,30 @@ def describe(samples: SampleBuffer) -> dict[str, str]:
         "depth": f"{depth[0]:.6g} to {depth[2]:.6g}, median {depth[1]:.6g}",
         "radiance": f"{color.min():.4g} to {color.max():.4g}, mean {color.mean(dtype=np.float64):.4g}",
         "placement": f"{own:.2%} of the samples lie in their own pixel, {off:.2%} off the image",
+        **({} if samples.lighting is None else describe_lighting(samples, samples.lighting)),
     }
+
+
+def describe_lighting(samples: SampleBuffer, lighting: Lighting) -> dict[str, str]:
+    """Return what there is to say about area lights, and whether the colours are what they make."""
+    found = {}
+    for number, each in enumerate(lighting.lights):
+        light = each.light
+        size = " x ".join(f"{2 * half:.4g}" for half in light.half_size)
+        center = ", ".join(f"{value:.4g}" for value in light.center)
+        aimed = each.density > 0
+        lit = float(lighting.arrives(samples, number)[aimed].mean()) if aimed.any() else 0.0
+        found[f"light {number}"] = (
+            f"{light.shape}, {size}, at ({center}) from the lens{', moving' if light.moves else ''}; "
+            f"{aimed.mean():.2%} of the samples have a light sample, {lit:.2%} of which arrive"
+        )
+    color = samples.color.astype(np.float64)
+    off = np.abs(color - lighting.color(samples)).mean() / max(float(np.abs(color).mean()), _DARKEST)
+    found["unlit"] = (
+        f"mean {lighting.unlit.mean(dtype=np.float64):.4g}; it and the lights' direct light differ from the "
+        f"radiance by {off:.1e} of its mean"
+    )
+    return found
 
 
 def describe_lens(lens: Lens) -> str:

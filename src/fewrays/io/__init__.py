@@ -74,7 +74,8 @@ def load(
         stored = form.load(path, progress, **options)
         fields: dict[str, Any] = {**stored.lens, **{k: v for k, v in overrides.items() if v is not None}}
         with np.errstate(all="ignore"):  # absurd numbers overflow on the way to being reported
-            return SampleBuffer(**stored.arrays, lens=Lens(**fields), nan=nan)
+            lighting = None if stored.lighting is None else stored.lighting.build(nan)
+            return SampleBuffer(**stored.arrays, lens=Lens(**fields), lighting=lighting, nan=nan)
     except SampleError as error:
         raise (error if error.file else error.in_file(path)) from None
 
@@ -105,6 +106,11 @@ def save(
         The format's own. ``.npz``: ``compressed=False``, ``half=False`` (colour as float16). ``.tlfr``,
         ``.bin``, ``.txt``: ``encoding="binary"`` or ``"text"``, instead of what the extension says.
         ``.exr``: ``compression="zips"`` or ``"none"``.
+
+    Warns
+    -----
+    UserWarning
+        For samples with area lights, which only ``.npz`` can hold.
 
     Raises
     ------

@@ -23,7 +23,7 @@ from fewrays.errors import SampleError
 from fewrays.io.exr_chunks import DEEP_COMPRESSIONS, DeepChunk, pack_chunk, read_chunk
 from fewrays.io.exr_header import COMPRESSIONS, Channel, ExrHeader, format_header, read_header, read_offsets
 from fewrays.io.files import open_file, replace_files
-from fewrays.io.formats import Format, StoredSamples, check_size
+from fewrays.io.formats import Format, StoredSamples, check_size, warn_of_lighting
 from fewrays.parallel import progress_bar
 from fewrays.samples import OFF_IMAGE, SampleBuffer
 
@@ -130,6 +130,7 @@ def save(
     """
     if compression not in ("zips", "none"):
         raise SampleError(f"expected 'zips' or 'none', got {compression!r}", field="compression")
+    warn_of_lighting(samples, path)
     header = _header(samples, DEEP_COMPRESSIONS.index(compression))
     sources = _sources(samples)
     counts = np.full(samples.width, samples.spp, np.int64)

@@ -10,7 +10,8 @@ w`` then changes by ``w mv_x``, ``y w`` by ``w mv_y`` and w by 0. We write ``per
 
 *What the format cannot say.* A file whose times are all 0 loads with ``time=None`` unless something moves,
 and one whose motion is all 0 with ``motion=None``. It does not state the aperture or how the lens was
-sampled. It has no column for the bandwidth: samples that have one are refused. ``a``, ``z/w`` and the depth
+sampled. It has no column for the bandwidth: samples that have one are refused. Lights are left out, with a
+warning. ``a``, ``z/w`` and the depth
 gradients are ignored; we write 1, 0 and 0.
 """
 
@@ -27,7 +28,7 @@ import numpy.typing as npt
 
 from fewrays.errors import SampleError
 from fewrays.io.files import open_file, replace_files
-from fewrays.io.formats import Format, StoredSamples
+from fewrays.io.formats import Format, StoredSamples, warn_of_lighting
 from fewrays.io.tlfr_header import COLUMNS, MAX_HEADER_BYTES, Header, parse_header
 from fewrays.parallel import progress_bar
 from fewrays.samples import SampleBuffer
@@ -119,6 +120,7 @@ def save(
             "dataclasses.replace(samples, bandwidth=None)",
             field="bandwidth",
         )
+    warn_of_lighting(samples, path)
     lens = samples.lens
     info = Header(samples.width, samples.height, samples.spp, lens.c0, lens.c1, encoding=encoding)
     header_path = path.with_name(path.name + ".header")

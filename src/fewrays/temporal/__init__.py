@@ -54,6 +54,8 @@ class TemporalOptions(ApertureOptions):
     """How much to smooth wide blur, in units of the noise that few locations leave there; 0 for none."""
     correction: float = 1.8
     """Scale in pixels on which the image is corrected towards the samples' own mean; 0 for none."""
+    shadows: bool = True
+    """Reconstruct the light of area lights from light samples, where the samples come with such."""
 
     def __post_init__(self) -> None:
         require_option("locations", self.locations, 1 <= self.locations <= 65536, "from 1 to 65536")
@@ -98,6 +100,7 @@ def make_plan(samples: SampleBuffer, options: TemporalOptions) -> Plan:
             radius_scale=options.radius_scale,
             tent_scale=options.tent_scale,
         ),
+        lighting=samples.lighting if options.shadows else None,
     )
 
 
@@ -107,7 +110,7 @@ def _run(samples: SampleBuffer, options: TemporalOptions, execution: Execution) 
     engine = reference if execution.device == "reference" else kernel
     engine.reconstruct_tiles(samples, plan, bands, execution)
     image = smooth_bands(bands, plan.band_starts, options.smoothing * plan.rule.along_lens)
-    if options.correction:
+    if options.correction and plan.lighting is None:  # whose shadows would bring their noise back
         aperture, shutter = options.aperture_of(samples.lens), options.open_shutter()
         mean = sample_mean(samples, aperture, options.filter_of_pixels(), shutter)
         image = correct(image, mean, options.correction)

@@ -21,6 +21,7 @@ __all__ = ["Hierarchy"]
 
 _BIN = 0.5  # side of the smallest buckets, in pixels
 _BUCKET = 64  # samples of a bucket that is not divided
+_MOST_BUCKETS = 65536  # along an axis
 _GUARD = 256.0  # pixels around the image within which buckets are told apart
 
 
@@ -33,21 +34,26 @@ class Hierarchy:
         Read in place: the tree stores numbers of samples and bounds.
     rule : SurfaceRule
         Which samples may share a leaf.
+    unit : float, optional
+        Length that counts as a pixel, for light fields that are no image: samples are then looked for around
+        where most of them are.
     """
 
-    def __init__(self, samples: SampleBuffer, rule: SurfaceRule) -> None:
+    def __init__(self, samples: SampleBuffer, rule: SurfaceRule, unit: float | None = None) -> None:
+        left, top, right, bottom = _screen(samples) if unit is None else _surroundings(samples, unit)
+        pixel = unit or 1.0
         self.native = _native.SampleTree(
             view_light_field(samples),
             _native.TreeRule(
-                bin=_BIN,
+                bin=_BIN * pixel,
                 most_samples=_BUCKET,
                 along_lens=rule.along_lens,
                 along_time=rule.along_time,
-                tolerance=rule.tolerance,
-                left=-_GUARD,
-                right=samples.width + _GUARD,
-                top=-_GUARD,
-                bottom=samples.height + _GUARD,
+                tolerance=rule.tolerance * pixel,
+                left=left,
+                right=right,
+                top=top,
+                bottom=bottom,
             ),
         )
 
@@ -72,3 +78,14 @@ class Hierarchy:
             Indices into the flattened buffer, in no particular order.
         """
         return np.asarray(self.native.query(x, y, u, v, time, radius), np.int32)
+
+
+def _screen(samples: SampleBuffer) -> tuple[float, float, float, float]:
+    return -_GUARD, -_GUARD, samples.width + _GUARD, samples.height + _GUARD
+
+
+def _surroundings(samples: SampleBuffer, unit: float) -> tuple[float, float, float, float]:
+    """Return the box around the samples' median in which buckets are told apart, as far as these go."""
+    x, y = np.median(samples.xy.reshape(-1, 2), axis=0)
+    reach = _MOST_BUCKETS / 2 * _BIN * unit
+    return float(x - reach), float(y - reach), float(x + reach), float(y + reach)

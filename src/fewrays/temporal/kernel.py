@@ -8,9 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from fewrays import _native
+from fewrays.lighting import Lighting
 from fewrays.parallel import Execution, map_ranges
 from fewrays.samples import SampleBuffer
 from fewrays.temporal.hierarchy import Hierarchy
+from fewrays.temporal.lamps import facing_normals, make_lamps
 from fewrays.temporal.plan import Plan, SurfaceRule
 from fewrays.temporal.statistics import Statistics
 
@@ -37,6 +39,7 @@ def reconstruct_tiles(
     """
     hierarchy = Hierarchy(samples, plan.rule)
     where = plan.locations
+    lights = None if plan.lighting is None else _native_lights(samples, plan.lighting, plan)
     views = np.column_stack([where.uv, where.t, where.offset, where.weight]).astype(np.float32)
     rule = native_rule(plan.rule)
     starts = np.array(plan.band_starts, np.float32)
@@ -45,7 +48,9 @@ def reconstruct_tiles(
 
     def tiles(first: int, last: int) -> None:
         nonlocal statistics
-        counts = _native.temporal_tiles(hierarchy.native, rule, views, plan.tile, starts, first, last, bands)
+        counts = _native.temporal_tiles(
+            hierarchy.native, rule, views, plan.tile, starts, lights, first, last, bands
+        )
         with lock:
             statistics += Statistics(*counts)
 
@@ -91,3 +96,30 @@ def native_rule(rule: SurfaceRule) -> _native.SurfaceRule:
         tent=rule.tent,
         overhang=rule.overhang,
     )
+
+
+def _native_lights(samples: SampleBuffer, lighting: Lighting, plan: Plan) -> _native.Lights:
+    """Show native code the area lights, with a hierarchy of light samples for each."""
+    projection = lighting.projection
+    lights = _native.Lights(
+        projection=np.array([*projection.focal, *projection.center], np.float32),
+        rule=native_rule(plan.rule),
+        unlit=lighting.unlit.reshape(-1, 3),
+        normal=lighting.normal.reshape(-1, 3),
+        facing=facing_normals(samples, lighting),
+    )
+    for lamp in make_lamps(samples, lighting):
+        light = lamp.light
+        lights.add(
+            tree=Hierarchy(lamp.field, plan.rule, lamp.unit).native,
+            reflectance=lamp.reflectance,
+            density=lamp.density,
+            arrives=lamp.arrives.astype(np.uint8),
+            points=lamp.points(plan.locations.count).astype(np.float32),
+            frame=np.concatenate([[light.center], light.axes]).astype(np.float32),
+            half_size=light.half_size.astype(np.float32),
+            distance=light.plane_distance,
+            motion=np.array(light.motion, np.float32),
+            area=light.area,
+        )
+    return lights

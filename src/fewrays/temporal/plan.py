@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from fewrays.lighting import Lighting
 from fewrays.samples import SampleBuffer
 from fewrays.temporal.dispersion import dispersion
 from fewrays.temporal.locations import Locations
@@ -54,6 +55,15 @@ class SurfaceRule:
     tent: float = 1.0
     overhang: float = 0.0
 
+    def scaled(self, factor: float) -> SurfaceRule:
+        """Return the rule for where a pixel's length counts `factor` times."""
+        return replace(
+            self,
+            radius=factor * self.radius,
+            tolerance=factor * self.tolerance,
+            overhang=factor * self.overhang,
+        )
+
     @classmethod
     def for_samples(
         cls, samples: SampleBuffer, locations: int, *, radius_scale: float, tent_scale: float
@@ -84,8 +94,11 @@ class Plan(Tiling):
     band_starts : tuple of float
         Least circle-of-confusion radius ``|C|`` of each band of blur, in pixels: what is seen is added up
         apart for each.
+    lighting : Lighting, optional
+        The samples' area lights, if light and shadow are to be reconstructed.
     """
 
     locations: Locations
     rule: SurfaceRule
     band_starts: tuple[float, ...] = BAND_STARTS
+    lighting: Lighting | None = None

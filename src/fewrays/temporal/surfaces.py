@@ -64,10 +64,13 @@ class Surface:
         Its samples, at positions relative to the location.
     tent : float
         Radius of the tent to filter them with, in pixels.
+    first : bool
+        Whether it is the first of the surfaces near the location.
     """
 
     sights: Sights
     tent: float
+    first: bool = True
 
     @property
     def slope(self) -> float:
@@ -103,7 +106,7 @@ def find_surface(look: Look, rule: SurfaceRule, tally: Counter[str]) -> Surface 
         tally["surfaces"] += 2 if behind else 1
         return Surface(front, rule.tent * rule.radius)
     tally["wide"] += 1
-    return Surface(_choose_surface(look(2 * rule.radius), rule, tally), rule.tent * rule.radius)
+    return _choose_surface(look(2 * rule.radius), rule, rule.tent * rule.radius, tally)
 
 
 def _find_wide(look: Look, rule: SurfaceRule, tally: Counter[str]) -> Surface | None:
@@ -115,16 +118,17 @@ def _find_wide(look: Look, rule: SurfaceRule, tally: Counter[str]) -> Surface | 
             tally["empty"] += 1
             return None
         radius *= 2
-    return Surface(_choose_surface(found, rule, tally), rule.tent * radius)
+    return _choose_surface(found, rule, rule.tent * radius, tally)
 
 
-def _choose_surface(sights: Sights, rule: SurfaceRule, tally: Counter[str]) -> Sights:
+def _choose_surface(sights: Sights, rule: SurfaceRule, tent: float, tally: Counter[str]) -> Surface:
     """Return the first surface that covers the location, or the last, which nothing else is behind.
 
     A surface of too few samples is blended with the next behind it.
     """
     groups = group_into_surfaces(sights, rule)
     surface: list[Sights] = []
+    first = True
     for group in groups[:-1]:
         tally["surfaces"] += 1
         surface.append(group)
@@ -134,11 +138,12 @@ def _choose_surface(sights: Sights, rule: SurfaceRule, tally: Counter[str]) -> S
         joined = Sights.join(surface)
         if covers(joined.xy, rule):
             tally["covered"] += 1
-            return joined
+            return Surface(joined, tent, first)
         surface = []
+        first = False
     tally["surfaces"] += 1
     tally["last"] += 1
-    return Sights.join([*surface, groups[-1]])
+    return Surface(Sights.join([*surface, groups[-1]]), tent, first)
 
 
 def crossings(sights: Sights, rule: SurfaceRule) -> Float64:

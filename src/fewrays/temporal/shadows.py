@@ -1,0 +1,209 @@
+"""Light and shadow of area lights at the points that locations see: temporal, section 5.
+
+For each location the camera's samples tell which point is seen. From there on it is as with defocus: the
+light is a lens, and whether a light point shines on the point is read off the light samples that pass nearby,
+once they are seen from that light point at the location's time. One light point for each location will do,
+as the locations of a pixel are many: all dimensions are integrated at once, as in path tracing.
+
+1. `Lights.receiver`: the point on the tangent plane of the nearest camera sample.
+2. `Lights.gain`: what light it would reflect to the camera if nothing were in between, from its samples' own
+   reflectances and normals.
+3. `Lights.radiance_from`: the surface that covers the point as the light point sees it
+   (`surfaces.find_surface`), and the mean radiance of its light samples, where those that end in front of the
+   point count as dark: `blocks`.
+
+**What is in front.** Depths are not compared by a bias. A light sample stops light if it ends in front of the
+receiver's tangent plane, *and* the receiver lies behind the tangent plane of what it hit. On a flat surface
+neither holds; on a convex one its neighbours lie behind its tangent plane; in a hollow, and at the foot of a
+wall, they lie in front of it, but it lies in front of theirs. What remains is rounding, of which there is
+some hundred units in the last place of the distances involved. The tangent plane of a blocker that no camera
+sample has seen is not known: there, the first condition decides.
+
+**How far to look.** Radii count in units of the density of the light samples that were aimed at the
+receiver's surroundings (`view_light`). A blocker is met by fewer, if the camera does not see all of what lies
+in its shadow, and its samples leave holes. So where the surface that is found has another in front of it, the
+search is repeated with all lengths `SECOND_LOOK` times as long.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+
+from fewrays.lighting import Lighting
+from fewrays.samples import SampleBuffer
+from fewrays.temporal.lamps import Lamp, facing_normals, make_lamps
+from fewrays.temporal.plan import Plan
+from fewrays.temporal.surfaces import Surface, find_surface
+from fewrays.temporal.view import View, ViewedField
+
+__all__ = ["GRAZING", "ROUNDING", "SECOND_LOOK", "Lights"]
+
+Float64 = npt.NDArray[np.float64]
+
+ROUNDING = 2e-5
+"""By how much points may be off, in shares of their distances from the camera and from the light."""
+
+GRAZING = 1e-3
+"""Cosine at the light below which rays carry no light worth looking for."""
+
+SECOND_LOOK = 1.5
+"""How many times as long lengths are where the first surface seen does not cover the receiver."""
+
+
+@dataclass(frozen=True)
+class Receiver:
+    """A point that the camera sees, with the shares of the camera samples that it was made from.
+
+    Parameters
+    ----------
+    point : ndarray, (3,)
+        In camera space.
+    facing : ndarray, (3,)
+        Normal of its tangent plane.
+    sample : ndarray of int, (n,)
+        Camera samples.
+    share : ndarray, (n,)
+    """
+
+    point: Float64
+    facing: Float64
+    sample: npt.NDArray[np.intp]
+    share: Float64
+
+
+class Lights:
+    """The area lights of a buffer, seen by one location after the other.
+
+    Parameters
+    ----------
+    samples : SampleBuffer
+    lighting : Lighting
+        That of the samples.
+    plan : Plan
+    """
+
+    def __init__(self, samples: SampleBuffer, lighting: Lighting, plan: Plan) -> None:
+        self.lens = samples.lens
+        self.projection = lighting.projection
+        self.plan = plan
+        self.unlit = lighting.unlit.reshape(-1, 3).astype(np.float64)
+        self.normal = lighting.normal.reshape(-1, 3).astype(np.float64)
+        self.facing = facing_normals(samples, lighting).astype(np.float64)
+        self.lamps = make_lamps(samples, lighting)
+        self.fields = [ViewedField(lamp.field) for lamp in self.lamps]
+        self.points = [lamp.points(plan.locations.count) for lamp in self.lamps]
+        self.camera_paths = ViewedField(samples).paths
+        self.tally: Counter[str] = Counter()
+
+    def shine(self, number: int) -> None:
+        """See all light samples from the light points of a view, at its time."""
+        time = float(self.plan.locations.t[number])
+        self.views = [
+            field.view(points[number], time) for field, points in zip(self.fields, self.points, strict=True)
+        ]
+
+    def radiance(self, camera: View, surface: Surface, x: float, y: float) -> Float64:
+        """Return the radiance ``(3,)`` of the surface that a location shows, lit by all lights."""
+        receiver = self.receiver(camera, surface, x, y)
+        total: Float64 = receiver.share @ self.unlit[receiver.sample]
+        for lamp, view in zip(self.lamps, self.views, strict=True):
+            gain = self.gain(lamp, view, receiver)
+            if gain.any():
+                total = total + gain * self.radiance_from(lamp, view, receiver)
+        return total
+
+    def receiver(self, camera: View, surface: Surface, x: float, y: float) -> Receiver:
+        """Find the point that a location sees, on its ray from the lens point.
+
+        It lies on the tangent plane of the nearest of the surface's samples, but neither in front of all of
+        the samples nor behind.
+        """
+        sample, share = surface.sights.sample, camera.shares(surface)
+        used = share > 0
+        sample, share = sample[used], share[used]
+        away2 = np.square(surface.sights.xy[used]).sum(axis=-1)
+        nearest = sample[np.lexsort([sample, away2])[0]]
+        paths = self.camera_paths
+        seen = paths.start[sample] + camera.time * paths.change[sample]
+        own = paths.start[nearest] + camera.time * paths.change[nearest]
+        point = self.projection.points(own[:2] / own[2], own[2])
+        # Points of the ray are origin + depth * direction: x at the lens centre is x - u (c0 / depth + c1).
+        focal = np.array(self.projection.focal)
+        origin = np.append(-camera.uv * self.lens.c0 / focal, 0.0)
+        direction = self.projection.points(np.array([x, y]) - camera.uv * self.lens.c1, 1.0)
+        facing = self.facing[nearest]
+        along = facing @ direction
+        depth = own[2]
+        if abs(along) > 1e-6 * np.linalg.norm(direction):
+            depth = facing @ (point - origin) / along
+        depth = np.clip(depth, seen[:, 2].min(), seen[:, 2].max())
+        return Receiver(origin + depth * direction, facing, sample, share)
+
+    def gain(self, lamp: Lamp, view: View, receiver: Receiver) -> Float64:
+        """Return the radiance ``(3,)`` that a receiver would send to the camera per unit of the light's."""
+        to_light = self._light_point(lamp, view) - receiver.point
+        distance = float(np.linalg.norm(to_light))
+        cosine = float(-to_light @ lamp.light.normal) / distance
+        if not cosine > GRAZING:
+            return np.zeros(3)
+        there = lamp.density[receiver.sample] > 0
+        falling = np.maximum(self.normal[receiver.sample] @ to_light, 0) / distance
+        reflected = (receiver.share * falling * there) @ lamp.reflectance[receiver.sample].astype(np.float64)
+        return np.asarray(reflected * lamp.light.area * cosine / distance**2)
+
+    def radiance_from(self, lamp: Lamp, view: View, receiver: Receiver) -> Float64:
+        """Reconstruct the radiance ``(3,)`` that comes from the view's light point to a receiver."""
+        uv = view.uv * lamp.lens_unit / lamp.light.half_size
+        (x, y), _ = lamp.light.project(receiver.point, uv, view.time)
+        density = lamp.density[receiver.sample].astype(np.float64)
+        weight = receiver.share * (density > 0)
+        rule = self.plan.rule.scaled(float(weight @ density / weight.sum()))
+        surface = find_surface(partial(view.look, x, y), rule, self.tally)
+        if surface is not None and not surface.first:
+            surface = find_surface(partial(view.look, x, y), rule.scaled(SECOND_LOOK), self.tally)
+        if surface is None:
+            return np.zeros(3)
+        share = view.shares(surface) * ~self.blocks(lamp, view, surface, receiver, (x, y))
+        return np.asarray(share @ view.color[surface.sights.sample])
+
+    def blocks(
+        self, lamp: Lamp, view: View, surface: Surface, receiver: Receiver, at: tuple[float, float]
+    ) -> npt.NDArray[np.bool_]:
+        """Tell which of a surface's light samples ``(n,)`` end in front of a receiver.
+
+        Parameters
+        ----------
+        lamp : Lamp
+        view : View
+            Of the light samples.
+        surface : Surface
+        receiver : Receiver
+        at : tuple of float
+            Where the receiver is seen, on Π in world units.
+        """
+        light, sample = lamp.light, surface.sights.sample
+        start = self._light_point(lamp, view)
+        uv = view.uv * lamp.lens_unit / light.half_size
+        # The slope is a (1 - d / w) along the longer half size a.
+        depth = light.plane_distance / (1 - surface.sights.slope / lamp.lens_unit)
+        hits = light.hits(surface.sights.xy + np.array(at), uv, depth, view.time)
+        precision = ROUNDING * (
+            np.linalg.norm(start - receiver.point)
+            + np.linalg.norm(receiver.point)
+            + np.linalg.norm(light.centers(view.time))
+        )
+        facing = receiver.facing * np.copysign(1.0, receiver.facing @ (start - receiver.point))
+        in_front = (hits - receiver.point) @ facing > precision
+        planes = self.facing[sample]
+        planes = planes * np.copysign(1.0, (planes * (start - hits)).sum(axis=-1))[:, None]
+        behind = (planes * (receiver.point - hits)).sum(axis=-1) < -precision
+        return np.asarray(in_front & (behind | ~lamp.arrives[sample]))
+
+    def _light_point(self, lamp: Lamp, view: View) -> Float64:
+        """Return the light point of a view in camera space, ``(3,)``."""
+        return lamp.light.points(view.uv * lamp.lens_unit / lamp.light.half_size, view.time)
