@@ -33,16 +33,16 @@ struct Lights {
         plan = {{p[0], p[1], p[2], p[3]}, unlit.data(), normal.data(), facing.data(), {}, rule};
     }
     // The frame's rows: centre, axes u and v, normal.
-    void add(const SampleTree& tree, Array<const float, -1, 3> reflectance, Array<const float, -1> density,
-             Array<const std::uint8_t, -1> arrives, Array<const float, -1, 2> points, Array<const float, 4, 3> frame,
-             Array<const float, 2> half_size, float distance, Array<const float, 3> motion, float area) {
+    void add(const SampleTree& tree, Array<const float, -1, 3> reflectance, Array<const std::uint8_t, -1> arrives,
+             Array<const float, -1, 2> points, Array<const float, 4, 3> frame, Array<const float, 2> half_size,
+             float distance, Array<const float, 3> motion, float area) {
         const float* const f = frame.data();
         const float* const half = half_size.data();
         plan.lamps.push_back(
             {&tree,
              reflectance.data(),
-             density.data(),
              arrives.data(),
+             plan.facing,
              points.data(),
              {vector_of(f), vector_of(f + 3), vector_of(f + 6), vector_of(f + 9), half[0], half[1], distance},
              vector_of(motion.data()),
@@ -59,7 +59,8 @@ void bind_temporal(nb::module_& m) {
             [](LightField* self, Array<const float, -1, 2> xy, Array<const float, -1, 2> uv,
                Array<const float, -1> depth, Array<const float, -1, 3> color,
                std::optional<Array<const float, -1>> time, std::optional<Array<const float, -1, 3>> motion,
-               std::optional<Array<const float, -1>> bandwidth, float c0, float c1) {
+               std::optional<Array<const float, -1>> bandwidth, std::optional<Array<const float, -1>> spacing, float c0,
+               float c1) {
                 new (self) LightField{xy.data(),
                                       uv.data(),
                                       depth.data(),
@@ -67,13 +68,15 @@ void bind_temporal(nb::module_& m) {
                                       time ? time->data() : nullptr,
                                       motion ? motion->data() : nullptr,
                                       bandwidth ? bandwidth->data() : nullptr,
+                                      spacing ? spacing->data() : nullptr,
                                       static_cast<std::int32_t>(depth.shape(0)),
                                       c0,
                                       c1};
             },
             nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>(), nb::keep_alive<1, 5>(),
-            nb::keep_alive<1, 6>(), nb::keep_alive<1, 7>(), nb::keep_alive<1, 8>(), nb::kw_only(), "xy"_a, "uv"_a,
-            "depth"_a, "color"_a, "time"_a.none(), "motion"_a.none(), "bandwidth"_a.none(), "c0"_a, "c1"_a);
+            nb::keep_alive<1, 6>(), nb::keep_alive<1, 7>(), nb::keep_alive<1, 8>(), nb::keep_alive<1, 9>(),
+            nb::kw_only(), "xy"_a, "uv"_a, "depth"_a, "color"_a, "time"_a.none(), "motion"_a.none(),
+            "bandwidth"_a.none(), "spacing"_a.none(), "c0"_a, "c1"_a);
     nb::class_<TreeRule>(m, "TreeRule")
         .def(
             "__init__",
@@ -116,8 +119,25 @@ void bind_temporal(nb::module_& m) {
              nb::keep_alive<1, 4>(), nb::keep_alive<1, 5>(), nb::keep_alive<1, 6>(), nb::kw_only(), "projection"_a,
              "rule"_a, "unlit"_a, "normal"_a, "facing"_a)
         .def("add", &Lights::add, nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>(),
-             nb::keep_alive<1, 5>(), nb::keep_alive<1, 6>(), nb::kw_only(), "tree"_a, "reflectance"_a, "density"_a,
-             "arrives"_a, "points"_a, "frame"_a, "half_size"_a, "distance"_a, "motion"_a, "area"_a);
+             nb::keep_alive<1, 5>(), nb::kw_only(), "tree"_a, "reflectance"_a, "arrives"_a, "points"_a, "frame"_a,
+             "half_size"_a, "distance"_a, "motion"_a, "area"_a);
+    m.def(
+        "shade_tiles",
+        [](const LightField& field, const Lights& lights, int tile, int share, int step, Array<const float, -1> times,
+           Array<const std::int32_t, -1> first_view, int first, int last, Array<float, -1, -1, -1, 3> radiance) {
+            const ShadingPlan plan{static_cast<int>(radiance.shape(0)),
+                                   static_cast<int>(radiance.shape(1)),
+                                   static_cast<int>(radiance.shape(2)),
+                                   tile,
+                                   static_cast<int>(times.shape(0)),
+                                   share,
+                                   step,
+                                   times.data(),
+                                   first_view.data()};
+            shade_tiles(field, lights.plan, plan, first, last, radiance.data());
+        },
+        "field"_a, "lights"_a, "tile"_a, "share"_a, "step"_a, "times"_a, "first_view"_a, "first"_a, "last"_a,
+        "radiance"_a, nb::call_guard<nb::gil_scoped_release>());
     m.def(
         "temporal_tiles",
         [](const SampleTree& tree, const SurfaceRule& rule, Array<const float, -1, 6> views, int tile,

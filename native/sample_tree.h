@@ -18,6 +18,7 @@ struct LightField {
     const float* time;       // (N), or null where nothing moves
     const float* motion;     // (N, 3), or null
     const float* bandwidth;  // (N): standard deviation on the lens over which the radiance holds; or null
+    const float* spacing;    // (N): how far samples like it are apart, where that differs from place to place; or null
     std::int32_t count;
     float c0, c1;
 

@@ -7,37 +7,25 @@
 namespace fewrays {
 namespace {
 
-constexpr float rounding = 2e-5f;      // of the distances that a point's place is made of
-constexpr float grazing = 1e-3f;       // sine of the least angle at which light leaves the lamp
-constexpr float most_scale_ratio = 2;  // of receivers that share a grid of light samples
-constexpr float second_look = 1.5f;    // at what is not the first surface on the way, with lengths that many times
-constexpr float spare_area = 4;        // of a grid: cells for each of its receivers, and beside
-constexpr float spare_cells = 64;
+constexpr float rounding = 2e-5f;  // of the distances that a point's place is made of
+constexpr float grazing = 1e-3f;   // cosine at the lamp below which its light does not matter
+constexpr float most_ratio = 2;    // of spacings that share a grid of light samples
+constexpr float grid_border = 6;   // cells of a grid around its receivers, of the side R
+constexpr float spare_cells = 2;   // that a grid may have for each of its receivers, and of its border's
 
 Vector vector_at(const float* values, std::ptrdiff_t i) {
     return {values[3 * i], values[3 * i + 1], values[3 * i + 2]};
 }
 
-LightFrame frame_at(const Lamp& lamp, float time) {
-    LightFrame frame = lamp.frame;
-    frame.center = frame.center + time * lamp.motion;
-    return frame;
-}
-
-Vector light_point_of(const Lamp& lamp, int view) {
-    const float unit = lamp.frame.unit();
-    return {unit * lamp.points[2 * view], unit * lamp.points[2 * view + 1], 0.0f};
-}
-
 }  // namespace
 
 Relighting::Relighting(const LightField& field, const LitPlan& plan)
-    : field_(field), plan_(plan), receivers_(plan.lamps.size()) {
-    for (const Lamp& lamp : plan.lamps) readers_.emplace_back(*lamp.tree, plan.rule, true);
+    : field_(field), plan_(plan), lit_(plan.lamps.size()) {
+    for (const Lamp& lamp : plan.lamps) readers_.emplace_back(lamp, plan.rule);
 }
 
 void Relighting::clear() {
-    for (ViewReader& reader : readers_) reader.clear();
+    for (LampReader& reader : readers_) reader.clear();
 }
 
 // How deep a camera sample's point is at a time.
@@ -85,120 +73,113 @@ void Relighting::see(const ViewReader& camera, const Location& location, int vie
             unlit[channel] += each.weight * plan_.unlit[3 * each.number + channel];
     }
     for (int channel = 0; channel < 3; ++channel) sums[channel] += weight * unlit[channel] / total;
-    for (std::size_t k = 0; k < plan_.lamps.size(); ++k)
-        add_receiver(plan_.lamps[k], receivers_[k], point, view, location.time, weight / total, sums);
+    for (std::size_t lamp = 0; lamp < plan_.lamps.size(); ++lamp)
+        add_receiver(lamp, point, view, location.time, weight / total, sums);
 }
 
-void Relighting::add_receiver(const Lamp& lamp, Receivers& receivers, Vector point, int view, float time, float weight,
-                              float* sums) const {
-    const LightFrame frame = frame_at(lamp, time);
-    const Vector light_point = light_point_of(lamp, view);
-    const Vector to_light = frame.leave(light_point) - point;
-    Receiver receiver{};
-    receiver.point = frame.enter(point);
-    const float distance = length(to_light), cosine = receiver.point.z / distance;
+void Relighting::see(std::ptrdiff_t sample, int view, float time, float weight, float* sums) {
+    seen_.assign(1, {sample, 1.0f});
+    facing_ = vector_at(plan_.facing, sample);
+    for (int channel = 0; channel < 3; ++channel) sums[channel] += weight * plan_.unlit[3 * sample + channel];
+    for (std::size_t lamp = 0; lamp < plan_.lamps.size(); ++lamp)
+        add_receiver(lamp, point_of(sample, time), view, time, weight, sums);
+}
+
+void Relighting::add_receiver(std::size_t number, Vector point, int view, float time, float weight, float* sums) {
+    const Lamp& lamp = plan_.lamps[number];
+    const LightFrame frame = lamp.frame_at(time);
+    const Vector light_point = lamp.light_point(view), to_light = frame.leave(light_point) - point;
+    const Vector local = frame.enter(point);
+    const float distance = length(to_light), cosine = local.z / distance;
     if (!(cosine > grazing)) return;
 
-    float density = 0, sum_of_weights = 0;
+    Lit lit{};
+    const float* const all_spacings = lamp.tree->field().spacing;
+    float spacing = 0, sum_of_weights = 0;
     for (const Seen& each : seen_) {
         const std::ptrdiff_t i = each.number;
-        if (!(lamp.density[i] > 0)) continue;
-        density += each.weight * lamp.density[i];
+        if (!(all_spacings[i] > 0)) continue;
+        spacing += each.weight * all_spacings[i];
         sum_of_weights += each.weight;
         const float own = each.weight * std::max(dot(vector_at(plan_.normal, i), to_light), 0.0f) / distance;
-        for (int channel = 0; channel < 3; ++channel) receiver.gain[channel] += own * lamp.reflectance[3 * i + channel];
+        for (int channel = 0; channel < 3; ++channel) lit.gain[channel] += own * lamp.reflectance[3 * i + channel];
     }
     const float factor = weight * lamp.area * cosine / (distance * distance);
-    for (float& gain : receiver.gain) gain *= factor;
-    if (receiver.gain[0] == 0 && receiver.gain[1] == 0 && receiver.gain[2] == 0) return;
-    receiver.scale = density / sum_of_weights;
-    receiver.facing = frame.turn(dot(facing_, to_light) >= 0 ? facing_ : -1.0f * facing_);
-    receiver.at = on_second_plane(frame, light_point, receiver.point);
-    receiver.precision = rounding * (distance + length(point) + length(frame.center));
-    receiver.sums = sums;
-    receivers.push_back(receiver);
+    for (float& gain : lit.gain) gain *= factor;
+    if (lit.gain[0] == 0 && lit.gain[1] == 0 && lit.gain[2] == 0) return;
+    const Vector facing = frame.turn(dot(facing_, to_light) >= 0 ? facing_ : -1.0f * facing_);
+    lit.receiver = {local, facing, on_second_plane(frame, light_point, local), spacing / sum_of_weights,
+                    rounding * (distance + length(point) + length(frame.center))};
+    lit.sums = sums;
+    lit_[number].push_back(lit);
 }
 
 void Relighting::light(int view, float time) {
-    for (std::size_t k = 0; k < plan_.lamps.size(); ++k) {
-        const Lamp& lamp = plan_.lamps[k];
-        Receivers& receivers = receivers_[k];
-        if (!receivers.empty())
-            light_group(lamp, readers_[k], receivers.data(), receivers.data() + receivers.size(),
-                        light_point_of(lamp, view), {lamp.points[2 * view], lamp.points[2 * view + 1], time});
-        receivers.clear();
+    for (std::size_t lamp = 0; lamp < plan_.lamps.size(); ++lamp) {
+        std::vector<Lit>& lit = lit_[lamp];
+        if (!lit.empty()) light_group(readers_[lamp], lit.data(), lit.data() + lit.size(), view, time);
+        lit.clear();
     }
 }
 
 // Receivers share a grid of light samples where they are close to each other on the second plane and the samples are
-// about equally dense; others are divided.
-void Relighting::light_group(const Lamp& lamp, ViewReader& reader, Receiver* first, Receiver* last, Vector light_point,
-                             const View& view) {
-    Box box{first->at.x, first->at.x, first->at.y, first->at.y};
-    float least = first->scale, most = first->scale;
-    for (const Receiver* each = first; each != last; ++each) {
-        box.left = std::min(box.left, each->at.x);
-        box.right = std::max(box.right, each->at.x);
-        box.top = std::min(box.top, each->at.y);
-        box.bottom = std::max(box.bottom, each->at.y);
-        least = std::min(least, each->scale);
-        most = std::max(most, each->scale);
+// about equally far apart; others are divided.
+void Relighting::light_group(LampReader& reader, Lit* first, Lit* last, int view, float time) const {
+    const PlanePosition corner = first->receiver.at;
+    Box box{corner.x, corner.x, corner.y, corner.y};
+    float least = first->receiver.spacing, most = least;
+    for (const Lit* each = first; each != last; ++each) {
+        const auto [x, y] = each->receiver.at;
+        box = {std::min(box.left, x), std::max(box.right, x), std::min(box.top, y), std::max(box.bottom, y)};
+        least = std::min(least, each->receiver.spacing);
+        most = std::max(most, each->receiver.spacing);
     }
-    const float width = box.right - box.left, height = box.bottom - box.top;
-    const float margin = 4 * most * plan_.rule.radius;
-    const auto count = static_cast<float>(last - first);
     const auto divide = [&](auto&& comes_first) {
-        Receiver* const middle = std::partition(first, last, comes_first);
-        light_group(lamp, reader, first, middle, light_point, view);
-        light_group(lamp, reader, middle, last, light_point, view);
+        Lit* const middle = std::partition(first, last, comes_first);
+        light_group(reader, first, middle, view, time);
+        light_group(reader, middle, last, view, time);
     };
-    if (most > most_scale_ratio * least) {
+    if (most > most_ratio * least) {
         const float middle = std::sqrt(most * least);
-        return divide([&](const Receiver& each) { return each.scale < middle; });
+        return divide([&](const Lit& each) { return each.receiver.spacing < middle; });
     }
-    const float cells = (width + margin) * (height + margin) / (margin * margin / 16);
-    if (last - first > 1 && cells > spare_area * count + spare_cells) {
+    const float cell = most * plan_.rule.radius, width = box.right - box.left, height = box.bottom - box.top;
+    const float cells = (width / cell + grid_border) * (height / cell + grid_border);
+    if (cells > spare_cells * (static_cast<float>(last - first) + grid_border * grid_border)) {
         const float x = box.left + 0.5f * width, y = box.top + 0.5f * height;
         if (width >= height && box.left < x && x < box.right)
-            return divide([&](const Receiver& each) { return each.at.x < x; });
+            return divide([&](const Lit& each) { return each.receiver.at.x < x; });
         if (width < height && box.top < y && y < box.bottom)
-            return divide([&](const Receiver& each) { return each.at.y < y; });
+            return divide([&](const Lit& each) { return each.receiver.at.y < y; });
     }
-    reader.fill(box, view, most, second_look * most);
-    const LightFrame frame = frame_at(lamp, view.time);
-    for (const Receiver* each = first; each != last; ++each) light_one(lamp, frame, reader, *each, light_point);
+    reader.fill(box, most, view, time);
+    for (const Lit* each = first; each != last; ++each) {
+        float radiance[3];
+        reader.read(each->receiver, radiance);
+        for (int channel = 0; channel < 3; ++channel) each->sums[channel] += each->gain[channel] * radiance[channel];
+    }
 }
 
-// What stops light in front of a receiver lies in front of the receiver's tangent plane. On one and the same curved
-// surface, so do neighbours of a hollow; but then their tangent planes pass behind the receiver.
-void Relighting::light_one(const Lamp& lamp, const LightFrame& frame, ViewReader& reader, const Receiver& receiver,
-                           Vector light_point) {
-    float seen[4];
-    float total = 0, radiance[3] = {};
-    if (!reader.read(receiver.at.x, receiver.at.y, seen, receiver.scale)) return;
-    // Where the camera does not see all that lies in a blocker's shadow, fewer light samples meet the blocker.
-    if (!reader.found_first() && !reader.read(receiver.at.x, receiver.at.y, seen, second_look * receiver.scale)) return;
-    // A hit lies from the light point on towards its place on the second plane: so far in front of the tangent plane.
-    const float start = dot(receiver.facing, light_point - receiver.point), unit = frame.unit();
-    const Vector to_plane = Vector{receiver.at.x, receiver.at.y, frame.distance} - light_point;
-    const float step = dot(receiver.facing, to_plane);
-    reader.visit_found([&](const Sights& from, std::ptrdiff_t i, float dx, float dy, float weight) {
-        total += weight;
-        const float share = unit / (unit - from.slope[i]);
-        if (start + share * (step + receiver.facing.x * dx + receiver.facing.y * dy) > receiver.precision) {
-            const std::ptrdiff_t number = from.number[i];
-            if (!lamp.arrives[number]) return;
-            const Vector facing = frame.turn(vector_at(plan_.facing, number));
-            const Vector hit = light_point + share * (to_plane + Vector{dx, dy, 0.0f});
-            const float side = dot(facing, light_point - hit) >= 0 ? 1.0f : -1.0f;
-            if (side * dot(facing, receiver.point - hit) < -receiver.precision) return;
+void shade_tiles(const LightField& field, const LitPlan& lit, const ShadingPlan& plan, int first, int last,
+                 float* radiance) {
+    Relighting lighting(field, lit);
+    const int columns = (plan.width + plan.tile - 1) / plan.tile;
+    const float weight = 1.0f / static_cast<float>(plan.share);
+    for (int tile = first; tile < last; ++tile) {
+        const int top = tile / columns * plan.tile, left = tile % columns * plan.tile;
+        lighting.clear();
+        for (int view = 0; view < plan.view_count; ++view) {
+            for (int row = top; row < std::min(top + plan.tile, plan.height); ++row)
+                for (int column = left; column < std::min(left + plan.tile, plan.width); ++column)
+                    for (int number = 0; number < plan.spp; ++number) {
+                        const std::ptrdiff_t sample = (std::ptrdiff_t{row} * plan.width + column) * plan.spp + number;
+                        const int place = view - plan.first_view[sample];
+                        if (place < 0 || place % plan.step != 0 || place / plan.step >= plan.share) continue;
+                        lighting.see(sample, view, plan.times[view], weight, radiance + 3 * sample);
+                    }
+            lighting.light(view, plan.times[view]);
         }
-        radiance[0] += weight * from.red[i];
-        radiance[1] += weight * from.green[i];
-        radiance[2] += weight * from.blue[i];
-    });
-    for (int channel = 0; channel < 3; ++channel)
-        receiver.sums[channel] += receiver.gain[channel] * radiance[channel] / total;
+    }
 }
 
 }  // namespace fewrays

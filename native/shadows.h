@@ -6,24 +6,10 @@
 #include <deque>
 #include <vector>
 
-#include "math/light.h"
-#include "sample_tree.h"
-#include "surfaces.h"
+#include "lamp_reader.h"
 #include "view_reader.h"
 
 namespace fewrays {
-
-// An area light with its samples: one for each camera sample.
-struct Lamp {
-    const SampleTree* tree;       // of the light samples
-    const float* reflectance;     // (N, 3) of the camera sample's point
-    const float* density;         // (N): how far apart they are on the second plane, per pixel; 0 if there is none
-    const std::uint8_t* arrives;  // (N): whether it ends at its camera sample's point
-    const float* points;          // (views, 2): light points in units of the frame, one for each view
-    LightFrame frame;             // as the shutter opens
-    Vector motion;                // of the light until it closes, in camera space
-    float area;
-};
 
 // What is to be known of camera samples beside where they are.
 struct LitPlan {
@@ -47,20 +33,19 @@ public:
     // times in `sums` (3). What is not the lamps' light is added at once.
     void see(const ViewReader& camera, const Location& location, int view, float weight, float* sums);
 
-    // Adds the lamps' light for all locations of a view that were seen.
+    // Takes note of a camera sample's own point, as it is at a time, in the same way.
+    void see(std::ptrdiff_t sample, int view, float time, float weight, float* sums);
+
+    // Adds the lamps' light for all points of a view that were seen.
     void light(int view, float time);
 
 private:
-    // A point and what it would add to the sums were the light's radiance 1 and nothing in between.
-    struct Receiver {
-        Vector point, facing;  // in light space
-        PlanePosition at;      // on the second plane
-        float scale;           // density of the light samples there
-        float precision;       // distance that rounding may move points by
+    // What a receiver would add to the sums of its location were the light's radiance 1.
+    struct Lit {
+        Receiver receiver;
         float gain[3];
         float* sums;
     };
-    using Receivers = std::vector<Receiver>;
     struct Seen {
         std::ptrdiff_t number;
         float weight;
@@ -69,19 +54,28 @@ private:
     float depth_of(std::ptrdiff_t number, float time) const;
     Vector point_of(std::ptrdiff_t number, float time) const;
     Vector surface_point(const ViewReader& camera, const Location& location);
-    void add_receiver(const Lamp& lamp, Receivers& receivers, Vector point, int view, float time, float weight,
-                      float* sums) const;
-    void light_group(const Lamp& lamp, ViewReader& reader, Receiver* first, Receiver* last, Vector light_point,
-                     const View& view);
-    void light_one(const Lamp& lamp, const LightFrame& frame, ViewReader& reader, const Receiver& receiver,
-                   Vector light_point);
+    void add_receiver(std::size_t lamp, Vector point, int view, float time, float weight, float* sums);
+    void light_group(LampReader& reader, Lit* first, Lit* last, int view, float time) const;
 
     const LightField& field_;
     const LitPlan& plan_;
-    std::deque<ViewReader> readers_;  // of each lamp
-    std::vector<Receivers> receivers_;
+    std::deque<LampReader> readers_;  // of each lamp
+    std::vector<std::vector<Lit>> lit_;
     std::vector<Seen> seen_;  // the samples of the location at hand
     Vector facing_{};         // of the surface at hand
 };
+
+// How camera samples are shaded one by one: each by `share` of the views, from one on at steps.
+struct ShadingPlan {
+    int height, width, spp;
+    int tile;  // side of a tile of the image, in pixels
+    int view_count, share, step;
+    const float* times;              // (view_count)
+    const std::int32_t* first_view;  // (N)
+};
+
+// Shades the camera samples of tiles [first, last): adds their radiance to (N, 3).
+void shade_tiles(const LightField& field, const LitPlan& lit, const ShadingPlan& plan, int first, int last,
+                 float* radiance);
 
 }  // namespace fewrays

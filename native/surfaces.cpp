@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -315,7 +316,7 @@ void Crowd::begin(const Sights& from, int most) {
 }
 
 void Crowd::finish() {
-    if (size_ > most_samples) thin();
+    thin(most_samples);
     for (int i = 0; i < size_; ++i) slope_[i] = from_.slope[source_[i]];
     if (!from_.speed_x) return;
     for (int i = 0; i < size_; ++i) {
@@ -324,13 +325,12 @@ void Crowd::finish() {
     }
 }
 
-// Keeps the nearest.
-void Crowd::thin() {
+void Crowd::thin(int most) {
+    if (size_ <= most) return;
     std::vector<std::tuple<float, float, float, std::int32_t>> all;
     for (int i = 0; i < size_; ++i) all.push_back({x_[i] * x_[i] + y_[i] * y_[i], x_[i], y_[i], source_[i]});
-    std::nth_element(all.begin(), all.begin() + most_samples, all.end());
-    for (size_ = 0; size_ < most_samples; ++size_)
-        std::tie(std::ignore, x_[size_], y_[size_], source_[size_]) = all[size_];
+    std::nth_element(all.begin(), all.begin() + most, all.end());
+    for (size_ = 0; size_ < most; ++size_) std::tie(std::ignore, x_[size_], y_[size_], source_[size_]) = all[size_];
 }
 
 Sights Crowd::sights() const {
@@ -368,7 +368,7 @@ Surfaces::Verdict Surfaces::glance(const Sights& sights, const SightRow* rows, i
     seen[1] = front.green / front.weight;
     seen[2] = front.blue / front.weight;
     seen[3] = range.least;
-    found_ = {true, farthest, place.tent, -1, true};
+    found_ = {true, farthest, place.tent, -1};
     return Verdict::found;
 }
 
@@ -388,7 +388,6 @@ Surfaces::Verdict Surfaces::front_surface(float* seen) {
         return Verdict::several;
     ++*counter;
     statistics_.surfaces += left_ == 0 ? 1 : 2;
-    found_.first = true;
     filter(rule_.radius, seen);
     return Verdict::found;
 }
@@ -405,7 +404,6 @@ void Surfaces::begin_surfaces() {
 // they cover blend with the next behind them.
 void Surfaces::choose(float radius, float* seen) {
     begin_surfaces();
-    found_.first = true;
     while (true) {
         next_surface();
         ++statistics_.surfaces;
@@ -419,8 +417,48 @@ void Surfaces::choose(float radius, float* seen) {
             return filter(radius, seen);
         }
         surface_.clear();
-        found_.first = false;
     }
+}
+
+// Samples of one surface in all four quadrants.
+bool Surfaces::obviously_covers() {
+    if (crowd_.size() < least_samples) return false;
+    crowd_.finish();
+    const Sights sights = crowd_.sights();
+    const SightRow all{0, crowd_.size()};
+    const Place place{0.0f, 0.0f, far_away, rule_.radius};
+    const Range range = (sights.speed_x ? range_of_moving : range_of_still)(sights, &all, 1, place, infinity, rule_);
+    if (range.spread > rule_.tolerance) return false;
+    begin_surfaces();
+    take_all();
+    return fills_quadrants();
+}
+
+// A surface of too few samples to tell what it covers blends with the next. What all of them together leave open, none
+// covers.
+bool Surfaces::any_covers() {
+    if (!all_surround()) return false;
+    begin_surfaces();
+    while (left_ > 0) {
+        next_surface();
+        if (surface_.size() < least_samples) continue;
+        if (covers(false)) return true;
+        surface_.clear();
+    }
+    return false;
+}
+
+bool Surfaces::all_surround() {
+    crowd_.finish();
+    begin_surfaces();
+    take_all();
+    move_towards_location();
+    return !surface_.empty() && !on_one_side(static_cast<int>(surface_.size()));
+}
+
+void Surfaces::take_all() {
+    surface_.resize(static_cast<std::size_t>(crowd_.size()));
+    std::iota(surface_.begin(), surface_.end(), 0);
 }
 
 // Takes the frontmost samples that are left, as long as each crosses none of those taken (Figure 7). Those of equal
@@ -544,7 +582,7 @@ void Surfaces::filter(float radius, float* seen) {
     if (rule_.tent == 0) {
         const int nearest = *std::min_element(surface_.begin(), surface_.end(),
                                               [&](int a, int b) { return distance(a) < distance(b); });
-        found_ = {false, 0.0f, 0.0f, nearest, found_.first};
+        found_ = {false, 0.0f, 0.0f, nearest};
         const std::ptrdiff_t source = crowd_.source(nearest);
         seen[0] = from.red[source];
         seen[1] = from.green[source];
@@ -553,7 +591,7 @@ void Surfaces::filter(float radius, float* seen) {
     }
     float sums[4] = {};
     for (radius *= rule_.tent; !(sums[0] > 0); radius *= 2) {
-        found_ = {false, 0.0f, radius, -1, found_.first};
+        found_ = {false, 0.0f, radius, -1};
         std::fill_n(sums, 4, 0.0f);
         for (int i : surface_) {
             const std::ptrdiff_t source = crowd_.source(i);

@@ -23,6 +23,7 @@ struct Sights {
     const float *speed_x, *speed_y;  // null where nothing moves
     const float* weight;             // less than 1 for samples far from their own lens point; null where all are matte
     const float *red, *green, *blue;
+    const float* spacing;        // as in LightField
     const std::int32_t* number;  // which of all samples it is; null where nobody asks
 };
 
@@ -35,6 +36,9 @@ constexpr int read_beyond = 16;
 // Samples near a location; positions are relative to it.
 class Crowd {
 public:
+    // Keeps the nearest of them.
+    void thin(int most);
+
     // Begins anew, with at most so many of certain samples.
     void begin(const Sights& from, int most);
     void add(float x, float y, std::int32_t i, bool wanted = true) {
@@ -53,8 +57,6 @@ public:
     Sights sights() const;  // positions, slopes and speeds
 
 private:
-    void thin();
-
     Sights from_{};
     int size_ = 0;
     std::vector<std::int32_t> source_;
@@ -80,6 +82,14 @@ public:
         rule_.overhang = factor * base_.overhang;
     }
     float radius() const { return rule_.radius; }
+
+    // Where there is no need to choose: whether any surface of a crowd covers the location. `obviously` is a quick look
+    // at a crowd within R, that may miss it.
+    Crowd& crowd() { return crowd_; }
+    bool obviously_covers();
+    bool any_covers();
+    // Whether the crowd lies on all sides of the location.
+    bool all_surround();
 
     // Finds what is seen at a location, radiance and slope; false if no sample is near. All samples within R are in the
     // rows; look(radius, crowd) collects those within a radius.
@@ -114,9 +124,6 @@ public:
         choose(verdict == Verdict::nothing ? radius : rule_.radius, seen);
         return true;
     }
-
-    // Whether what was found last is the first of the surfaces seen near the location.
-    bool found_first() const { return found_.first; }
 
     // Calls visit(sights, index, x, y, weight) for the samples that made up what resolve() found last, with positions
     // relative to the location and weights under the tent. Its arguments are those of resolve().
@@ -155,6 +162,7 @@ private:
     Verdict front_surface(float* seen);
     void choose(float radius, float* seen);
     void begin_surfaces();
+    void take_all();
     void next_surface();
     bool covers(bool all_within_radius);
     bool fills_quadrants() const;
@@ -177,7 +185,6 @@ private:
         bool at_a_glance;
         float farthest, tent;
         int nearest;
-        bool first;  // of the surfaces near the location
     } found_{};
     SurfaceStatistics statistics_{};
 };

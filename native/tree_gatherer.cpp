@@ -34,7 +34,8 @@ void TreeGatherer::gather(const Location& location, float radius, Crowd& crowd) 
             weight = gloss_weight(location.u - field.uv[2 * i], location.v - field.uv[2 * i + 1], field.bandwidth[i]);
         int next = 0;
         for (float value : {sight.x - location.x, sight.y - location.y, sight.slope, sight.speed_x, sight.speed_y,
-                            weight, field.color[3 * i], field.color[3 * i + 1], field.color[3 * i + 2]})
+                            weight, field.color[3 * i], field.color[3 * i + 1], field.color[3 * i + 2],
+                            field.spacing ? field.spacing[i] : 0.0f})
             fields_[next++].push_back(value);
         numbers_.push_back(number);
     });
@@ -56,6 +57,7 @@ Sights TreeGatherer::sights() const {
             field(6),
             field(7),
             field(8),
+            field(9),
             numbered_ ? numbers_.data() : nullptr};
 }
 

@@ -28,7 +28,7 @@ public:
 private:
     const SampleTree& tree_;
     const bool numbered_;
-    std::vector<float> fields_[9];
+    std::vector<float> fields_[10];
     std::vector<std::int32_t> numbers_;
 };
 

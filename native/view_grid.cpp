@@ -94,6 +94,7 @@ LeafCache::Place LeafCache::place(std::int32_t leaf, const std::int32_t* samples
         else
             push(0, {x, path.y, path.c0 + from.far_slope()});
         push(color_field(), {from.color[3 * i], from.color[3 * i + 1], from.color[3 * i + 2]});
+        if (spaced()) push(spacing_field(), {from.spacing[i]});
         if (glossy()) push(gloss_field(), {from.uv[2 * i], from.uv[2 * i + 1], from.bandwidth[i]});
     }
     return {first, padded};
@@ -159,6 +160,7 @@ void ViewGrid::sort(const View& view) {
         const std::int32_t source = sources_[i];
         for (int field = 0; field < 3; ++field) sorted_[field][to] = seen_[field][i];
         if (numbered_) sorted_numbers_[to] = cache_.number(source);
+        if (cache_.spaced()) sorted_[9][to] = cache_.field(cache_.spacing_field())[source];
         for (int channel = 0; channel < 3; ++channel) sorted_[3 + channel][to] = cache_.field(colors + channel)[source];
         if (moving())
             for (int axis = 0; axis < 2; ++axis) sorted_[6 + axis][to] = seen_[3 + axis][i];
@@ -195,6 +197,7 @@ Sights ViewGrid::sights() const {
             field(3),
             field(4),
             field(5),
+            cache_.spaced() ? field(9) : nullptr,
             numbered_ ? sorted_numbers_.data() : nullptr};
 }
 

@@ -24,12 +24,14 @@ public:
 
     bool moving() const { return tree_.field().motion != nullptr; }
     bool glossy() const { return tree_.field().bandwidth != nullptr; }
+    bool spaced() const { return tree_.field().spacing != nullptr; }
     // Paths: x, y and the slope of what is still; x, y, w, their changes and c0 of what moves. Then red, green
-    // and blue, and the lens point and bandwidth of what is glossy.
+    // and blue, and the lens point and bandwidth of what is glossy, or the spacing.
     const float* field(int number) const { return fields_[number].data(); }
     std::int32_t number(std::int32_t copy) const { return numbers_[copy]; }
     int color_field() const { return moving() ? 7 : 3; }
     int gloss_field() const { return color_field() + 3; }
+    int spacing_field() const { return gloss_field() + 3; }
 
     static constexpr int group = 8;  // samples that places are multiples of
 
@@ -38,7 +40,7 @@ private:
 
     const SampleTree& tree_;
     std::vector<std::int32_t> place_of_leaf_, leaves_;
-    std::vector<float> fields_[13];
+    std::vector<float> fields_[14];
     std::vector<std::int32_t> numbers_;
 };
 
@@ -73,7 +75,7 @@ private:
     std::vector<LeafCache::Place> places_;
     std::vector<float> seen_[5];  // x, y, slope and speeds of the samples of all places
     std::vector<std::int32_t> cells_, sources_, starts_;
-    std::vector<float> sorted_[9];
+    std::vector<float> sorted_[10];
     std::vector<std::int32_t> sorted_numbers_;
 };
 

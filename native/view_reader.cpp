@@ -2,17 +2,14 @@
 
 namespace fewrays {
 
-void ViewReader::fill(const Box& places, const View& view, float usual, float most) {
+void ViewReader::fill(const Box& places, const View& view) {
     view_ = view;
-    surfaces_.scale(most);
     const float margin = 2 * surfaces_.radius();
-    surfaces_.scale(usual);
     grid_.fill({places.left - margin, places.right + margin, places.top - margin, places.bottom + margin}, view,
                surfaces_.radius());
 }
 
-bool ViewReader::read(float x, float y, float* seen, float scale) {
-    surfaces_.scale(scale);
+bool ViewReader::read(float x, float y, float* seen) {
     x_ = x;
     y_ = y;
     const Sights sights = grid_.sights();

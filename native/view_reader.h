@@ -18,21 +18,17 @@ public:
     // Forgets the copies of samples made for an earlier part of the image.
     void clear() { grid_.clear(); }
 
-    // Prepares for places in a box. The rule's lengths may count up to `usual` times there, now and then `most` times.
-    void fill(const Box& places, const View& view, float usual = 1.0f, float most = 1.0f);
+    // Prepares for places in a box.
+    void fill(const Box& places, const View& view);
 
-    // Finds what is seen at a place, radiance and slope; false if no sample is near. The rule's lengths count `scale`
-    // times.
-    bool read(float x, float y, float* seen, float scale = 1.0f);
+    // Finds what is seen at a place, radiance and slope; false if no sample is near.
+    bool read(float x, float y, float* seen);
 
     // Calls visit(sights, index, x, y, weight) for the samples that made it up: see Surfaces.
     template <typename Visit>
     void visit_found(Visit&& visit) const {
         surfaces_.visit_found(grid_.sights(), rows_, row_count_, x_, y_, std::forward<Visit>(visit));
     }
-
-    // Whether it is the first of the surfaces near the place.
-    bool found_first() const { return surfaces_.found_first(); }
 
     const SurfaceStatistics& statistics() const { return surfaces_.statistics(); }
 

@@ -69,4 +69,19 @@ FEWRAYS_HD inline PlanePosition on_second_plane(const LightFrame& light, Vector 
     return {light_point.x + (point.x - light_point.x) * share, light_point.y + (point.y - light_point.y) * share};
 }
 
+// A receiver's tangent plane as a light point sees it.
+struct TangentPlane {
+    float unit;         // of the slopes
+    float start, step;  // heights over the plane: of the light point, and what the way to the second plane adds
+    float across_x, across_y;
+    float precision, roughness;  // heights that mean nothing: of themselves, and per distance on the second plane
+
+    // The depth of what has a slope, in the second plane's distance.
+    FEWRAYS_HD float share(float slope) const { return unit / (unit - slope); }
+    // How far in front of the plane it is, seen (dx, dy) from the receiver on the second plane.
+    FEWRAYS_HD float height(float share_of_way, float dx, float dy) const {
+        return start + share_of_way * (step + across_x * dx + across_y * dy);
+    }
+};
+
 }  // namespace fewrays

@@ -9,6 +9,7 @@ from fewrays.metrics import compare
 from fewrays.multiplane import Multiplane
 from fewrays.reconstruct import METHODS, reconstruct
 from fewrays.samples import SampleBuffer
+from fewrays.temporal.shading import shade
 
 __all__ = [
     "METHODS",
@@ -27,6 +28,7 @@ __all__ = [
     "reconstruct",
     "save",
     "save_image",
+    "shade",
 ]
 
 __version__ = "0.1.0"

@@ -108,6 +108,9 @@ class Method:
         ``run(samples, options, execution) -> Reconstruction``.
     preparation : Preparation, optional
         For methods whose work is mostly done before the lens matters.
+    reads_lights : callable, optional
+        Whether, with its options, it reads the light samples of area lights itself; others are given samples
+        that `fewrays.shade` has shaded.
     """
 
     name: str
@@ -116,3 +119,4 @@ class Method:
     devices: tuple[str, ...]
     run: Callable[[SampleBuffer, Any, Execution], Reconstruction]
     preparation: Preparation | None = None
+    reads_lights: Callable[[Any], bool] = lambda options: False

@@ -18,8 +18,13 @@ def view_samples(samples: SampleBuffer) -> _native.Samples:
     )
 
 
-def view_light_field(samples: SampleBuffer) -> _native.LightField:
-    """Return a view of samples one after the other, without a copy; with motion where anything moves."""
+def view_light_field(
+    samples: SampleBuffer, spacing: npt.NDArray[np.float32] | None = None
+) -> _native.LightField:
+    """Return a view of samples one after the other, without a copy; with motion where anything moves.
+
+    `spacing` (N,) is how far samples are apart, where that differs from place to place.
+    """
     count = samples.depth.size
 
     def flat(values: npt.NDArray[np.float32] | None, *channels: int) -> npt.NDArray[np.float32] | None:
@@ -34,6 +39,7 @@ def view_light_field(samples: SampleBuffer) -> _native.LightField:
         time=flat(samples.time) if moving else None,
         motion=flat(samples.motion, 3) if moving else None,
         bandwidth=flat(samples.bandwidth),
+        spacing=spacing,
         c0=samples.lens.c0,
         c1=samples.lens.c1,
     )

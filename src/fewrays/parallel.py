@@ -35,12 +35,15 @@ class Execution:
         Show a progress bar on stderr for work that takes over two seconds.
     aovs : bool
         Produce the method's further outputs as well.
+    shadows : bool
+        Reconstruct light and shadow of area lights, where samples come with light samples.
     """
 
     device: str = "cpu"
     threads: int | None = None
     progress: bool = False
     aovs: bool = False
+    shadows: bool = True
 
     def __post_init__(self) -> None:
         if self.threads is not None and self.threads < 1:

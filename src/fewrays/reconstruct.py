@@ -14,8 +14,9 @@ from fewrays.errors import SampleError
 from fewrays.method import Image, Method, Reconstruction
 from fewrays.parallel import Execution
 from fewrays.samples import SampleBuffer
+from fewrays.temporal.shading import shade
 
-__all__ = ["METHODS", "find_method", "reconstruct", "run_method"]
+__all__ = ["METHODS", "find_method", "reconstruct", "run_method", "shaded_for"]
 
 METHODS: dict[str, Method] = {
     method.name: method
@@ -42,6 +43,7 @@ def reconstruct(
     threads: int | None = ...,
     progress: bool = ...,
     aovs: Literal[False] = ...,
+    shadows: bool = ...,
     **options: Any,
 ) -> Image: ...
 @overload
@@ -53,6 +55,7 @@ def reconstruct(
     threads: int | None = ...,
     progress: bool = ...,
     aovs: Literal[True],
+    shadows: bool = ...,
     **options: Any,
 ) -> tuple[Image, dict[str, npt.NDArray[Any]]]: ...
 def reconstruct(
@@ -63,6 +66,7 @@ def reconstruct(
     threads: int | None = None,
     progress: bool = False,
     aovs: bool = False,
+    shadows: bool = True,
     **options: Any,
 ) -> Image | tuple[Image, dict[str, npt.NDArray[Any]]]:
     """Reconstruct the image that hundreds of samples per pixel would have given.
@@ -81,6 +85,9 @@ def reconstruct(
         Show a progress bar on stderr for work over two seconds.
     aovs : bool
         Return the method's further outputs as well.
+    shadows : bool
+        Where samples come with light samples of area lights, reconstruct their light and shadow (see `shade`);
+        otherwise take the noisy radiance as it is.
     **options
         Fields of the method's options, such as ``tile=32`` for ``"layered"``; see its options class.
 
@@ -104,7 +111,7 @@ def reconstruct(
                 f"method {chosen.name!r} has no such option; it takes {', '.join(known) or 'none'}",
                 field=name,
             )
-    execution = Execution(device=device, threads=threads, progress=progress, aovs=aovs)
+    execution = Execution(device, threads, progress, aovs, shadows)
     result = run_method(samples, chosen, chosen.options(**options), execution)
     return (result.image, result.aovs) if aovs else result.image
 
@@ -129,7 +136,15 @@ def run_method(samples: SampleBuffer, method: Method, options: Any, execution: E
         )
     if not isinstance(samples, SampleBuffer):
         raise SampleError(f"expected a fewrays.SampleBuffer, got {type(samples).__name__}", field="samples")
+    samples = shaded_for(method, samples, options, execution)
     result = method.run(samples, options, dataclasses.replace(execution, device=device))
     assert result.image.dtype == np.float32
     assert result.image.shape == (samples.height, samples.width, 3)
     return result
+
+
+def shaded_for(method: Method, samples: SampleBuffer, options: Any, execution: Execution) -> SampleBuffer:
+    """Return samples with light and shadow of their area lights reconstructed, unless the method does that."""
+    if samples.lighting is None or not execution.shadows or method.reads_lights(options):
+        return samples
+    return shade(samples, threads=execution.threads, progress=execution.progress)

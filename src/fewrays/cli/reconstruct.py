@@ -55,6 +55,8 @@ class Reconstruct(Command, Generic[Options]):
         Threads to use; all usable cores when omitted. The result does not depend on it.
     exposure
         Brightening of a .png, in stops.
+    shadows
+        Reconstruct soft shadows, where samples come with light samples; '--no-shadows' takes them as they are.
     aovs
         Also write the method's further outputs into this directory, as .exr files.
     """
@@ -72,6 +74,7 @@ class Reconstruct(Command, Generic[Options]):
     device: Literal["auto", "cpu", "reference"] = "auto"
     threads: int | None = None
     exposure: float = 0.0
+    shadows: bool = True
     aovs: Annotated[Path | None, arg(metavar="DIR")] = None
     input: OmitArgPrefixes[InputFlags] = field(default_factory=InputFlags)
     options: Annotated[OmitArgPrefixes[Options], arg(name="method")] = field(kw_only=True)
@@ -90,7 +93,7 @@ class Reconstruct(Command, Generic[Options]):
         if self.aovs is not None and self.aovs.exists() and not self.aovs.is_dir():
             raise SampleError("is not a directory", file=self.aovs)
         method = find_method(self.method)
-        execution = Execution(self.device, self.threads, progress=True, aovs=self.aovs is not None)
+        execution = Execution(self.device, self.threads, True, self.aovs is not None, self.shadows)
         source = open_source(self.samples, method, self.input)
         with stopwatch() as watch:
             result = source.renderer(self.options, execution)(source.lens)

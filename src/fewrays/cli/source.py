@@ -13,7 +13,7 @@ from fewrays.errors import SampleError
 from fewrays.lens import Lens
 from fewrays.method import Method, Preparation, Reconstruction
 from fewrays.parallel import Execution
-from fewrays.reconstruct import METHODS, run_method
+from fewrays.reconstruct import METHODS, run_method, shaded_for
 from fewrays.samples import SampleBuffer
 
 __all__ = ["Renderer", "Source", "open_source", "preparing_method"]
@@ -111,6 +111,7 @@ def _open_prepared(path: Path, preparation: Preparation, flags: InputFlags) -> S
 def _renderer_of_samples(
     samples: SampleBuffer, method: Method, options: Any, execution: Execution
 ) -> Renderer:
+    samples = shaded_for(method, samples, options, execution)
     fastest = method.devices[0]
     if method.preparation is None or execution.device not in ("auto", fastest):
         return lambda lens: run_method(samples.with_lens(lens), method, options, execution)

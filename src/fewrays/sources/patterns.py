@@ -17,6 +17,13 @@ about the best joint stratification with the other four and, clearly, the smalle
 they also move by up to 12 px while the shutter is open. At 8 spp that is 0.63 of the error of random points
 (0.82 if the times were random beside the pattern), at 1 spp 0.84 (0.93).
 
+Points on lights are two more dimensions, the lens's pair over again with the bits of the sequence's number
+mixed: so they are perfectly stratified at every power of two as well, and mixtures were searched for the best
+joint stratification with image, lens and time from 4 to 256 points. On edges of shadows, sheared by up to
+12 px over the light, the error at 4 spp is 0.49 of that of random points, 0.60 if the edges are also
+defocused and 0.61 if they move; at 8 spp 0.42, 0.60 and 0.56. With another order of the sequence in place of
+the mixture it is 0.48, 0.67 and 0.69 at 8 spp.
+
 References
 ----------
 .. [1] A. Ahmed, P. Wonka. "Screen-Space Blue-Noise Diffusion of Monte Carlo Sampling Error via Hierarchical
@@ -37,7 +44,7 @@ from fewrays.errors import SampleError
 from fewrays.lens import Sampling
 from fewrays.samples import MAX_IMAGE_SIZE, MAX_SAMPLES
 
-__all__ = ["MAX_SPP", "check_size", "sample_pattern", "sample_times", "warp_to_lens"]
+__all__ = ["MAX_SPP", "check_size", "sample_lights", "sample_pattern", "sample_times", "warp_to_lens"]
 
 Float32 = npt.NDArray[np.float32]
 Float64 = npt.NDArray[np.float64]
@@ -47,8 +54,11 @@ MAX_SPP = 2**20
 """Most samples per pixel in one pattern: with the pixels of a square, the sequence has 2³² points."""
 
 _SQUARE = 64  # pixels a side that share one sequence
-_TIME = 4  # the dimension that times come from; u, v, x and y are 0 to 3
-_SHUFFLE_KEY, _TIME_KEY = 4, 5  # tell apart the hashes that seed scrambling; u, v, x and y have 0 to 3
+_TIME, _LIGHT = 4, 5  # dimensions that times and, with the next one, lights come from; 0 to 3 are u, v, x, y
+_SHUFFLE_KEY, _TIME_KEY, _LIGHT_KEY = 4, 5, 6  # tell apart hashes that seed scrambling; 0 to 3 are u, v, x, y
+_LIGHT_MIX = (1, 3, 5, 12, 19, 45, 111, 133, 309)
+"""Which bits of a number in the sequence each of its lowest bits stands for on lights; later ones for
+themselves. The highest of each is that bit, so that aligned runs stay aligned runs."""
 
 
 def sample_pattern(
@@ -137,6 +147,45 @@ def sample_times(
     times = _owen_sobol(index, _TIME, _hash(square, _TIME_KEY)).astype(np.float32)
     # The last 2⁻²⁵ before the shutter closes would round to 1.
     return np.minimum(times, np.nextafter(np.float32(1), np.float32(0)))
+
+
+def sample_lights(
+    height: int,
+    width: int,
+    spp: int,
+    *,
+    seed: int = 0,
+    light: int = 0,
+    sampling: Sampling = "square",
+    first_sample: int = 0,
+    rows: tuple[int, int] | None = None,
+) -> Float32:
+    """Choose a point on a light for every sample that `sample_pattern` makes from the same arguments.
+
+    Parameters
+    ----------
+    height, width, spp, seed, first_sample, rows
+        As in `sample_pattern`.
+    light : int
+        Number of the light, from 0. Each has a scrambling of its own; their strata go together, which nothing
+        sees as their light only adds up.
+    sampling : {"disc", "square"}
+        Uniform over a disc, or over a rectangle.
+
+    Returns
+    -------
+    ndarray, (H, W, S, 2)
+        In ``[-1, 1]²`` or the unit disc, float32.
+
+    Raises
+    ------
+    SampleError
+        As in `sample_pattern`.
+    """
+    _, index, square = _sequence(height, width, spp, seed, first_sample, rows)
+    scrambles = [_hash(square, _LIGHT_KEY, light, axis) for axis in range(2)]
+    points = [_owen_sobol(index, _LIGHT + axis, scramble) for axis, scramble in enumerate(scrambles)]
+    return warp_to_lens(np.stack(points, axis=-1), sampling)
 
 
 def warp_to_lens(points: Float64, sampling: Sampling, sigma: float = 1.0 / 3.0) -> Float32:
@@ -244,11 +293,12 @@ def _owen_sobol(index: UInt32, dimension: int, seed: UInt32) -> Float64:
 
 @lru_cache(maxsize=1)
 def _sobol_columns() -> UInt32:
-    """Sobol's generator matrices, (5, 32): column k, bits from the top, of each dimension.
+    """Sobol's generator matrices, (7, 32): column k, bits from the top, of each dimension.
 
-    From the primitive polynomials x + 1, x³ + x² + 1, x² + x + 1 and x³ + x + 1.
+    From the primitive polynomials x + 1, x³ + x² + 1, x² + x + 1 and x³ + x + 1, and the first two again with
+    the mixture of the lights.
     """
-    columns = np.zeros((5, 32), np.uint64)
+    columns = np.zeros((7, 32), np.uint64)
     columns[0] = [1 << (31 - k) for k in range(32)]
     for dimension, (degree, middle, initial) in enumerate(
         ((1, 0, [1]), (3, 2, [1, 1, 5]), (2, 1, [1, 3]), (3, 1, [1, 1, 7])), 1
@@ -260,6 +310,10 @@ def _sobol_columns() -> UInt32:
                 value ^= ((middle >> (degree - 1 - j)) & 1) * (m[k - j] << j)
             m.append(value)
         columns[dimension] = [m[k] << (31 - k) for k in range(32)]
+    columns[_LIGHT:] = columns[:2]
+    for k, mix in enumerate(_LIGHT_MIX):
+        chosen = [bit for bit in range(k + 1) if mix >> bit & 1]
+        columns[_LIGHT:, k] = np.bitwise_xor.reduce(columns[:2, chosen], axis=1)
     return columns.astype(np.uint32)
 
 

@@ -7,11 +7,15 @@ after the other, in plain NumPy. The native engine goes view by view: all pixels
 and a time, so that one pass over the samples nearby serves all of them (`kernel`); `hierarchy` finds these
 samples, and serves locations that have nothing in common. `locations` says where a pixel reads, `dispersion`
 how far apart samples can be, and `refine` makes more of the result than its mean.
+
+Light samples of area lights (`lamps`, `view_light`) are read in the same way (`shadows`): at the points that
+locations see, as published, or at those of the samples themselves (`shading`), which serves every method.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -54,10 +58,13 @@ class TemporalOptions(ApertureOptions):
     """How much to smooth wide blur, in units of the noise that few locations leave there; 0 for none."""
     correction: float = 1.8
     """Scale in pixels on which the image is corrected towards the samples' own mean; 0 for none."""
-    shadows: bool = True
-    """Reconstruct the light of area lights from light samples, where the samples come with such."""
+    light_at: Literal["samples", "locations"] = "samples"
+    """Where light of area lights is reconstructed: at the samples' own points, or at what locations see."""
 
     def __post_init__(self) -> None:
+        require_option(
+            "light_at", self.light_at, self.light_at in ("samples", "locations"), "'samples' or 'locations'"
+        )
         require_option("locations", self.locations, 1 <= self.locations <= 65536, "from 1 to 65536")
         require_option("radius_scale", self.radius_scale, 0.25 <= self.radius_scale <= 8, "from 0.25 to 8")
         tent = self.tent_scale == 0 or 0.25 <= self.tent_scale <= 2
@@ -100,8 +107,12 @@ def make_plan(samples: SampleBuffer, options: TemporalOptions) -> Plan:
             radius_scale=options.radius_scale,
             tent_scale=options.tent_scale,
         ),
-        lighting=samples.lighting if options.shadows else None,
+        lighting=samples.lighting if _reads_lights(options) else None,
     )
+
+
+def _reads_lights(options: TemporalOptions) -> bool:
+    return options.light_at == "locations"
 
 
 def _run(samples: SampleBuffer, options: TemporalOptions, execution: Execution) -> Reconstruction:
@@ -123,5 +134,6 @@ METHOD = Method(
     options=TemporalOptions,
     devices=("cpu", "reference"),
     run=_run,
+    reads_lights=_reads_lights,
 )
-"""The paper's method for defocus and motion; soft shadows are apart."""
+"""The paper's method for defocus, motion and soft shadows."""

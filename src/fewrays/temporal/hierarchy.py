@@ -34,16 +34,18 @@ class Hierarchy:
         Read in place: the tree stores numbers of samples and bounds.
     rule : SurfaceRule
         Which samples may share a leaf.
-    unit : float, optional
-        Length that counts as a pixel, for light fields that are no image: samples are then looked for around
-        where most of them are.
+    spacing : ndarray of float32, (N,), optional
+        How far samples are apart, for light fields that are no image, where pixels mean nothing; 0 for those
+        that do not count.
     """
 
-    def __init__(self, samples: SampleBuffer, rule: SurfaceRule, unit: float | None = None) -> None:
-        left, top, right, bottom = _screen(samples) if unit is None else _surroundings(samples, unit)
-        pixel = unit or 1.0
+    def __init__(
+        self, samples: SampleBuffer, rule: SurfaceRule, spacing: npt.NDArray[np.float32] | None = None
+    ) -> None:
+        pixel = 1.0 if spacing is None else float(np.median(spacing[spacing > 0]))
+        left, top, right, bottom = _screen(samples) if spacing is None else _surroundings(samples, pixel)
         self.native = _native.SampleTree(
-            view_light_field(samples),
+            view_light_field(samples, spacing),
             _native.TreeRule(
                 bin=_BIN * pixel,
                 most_samples=_BUCKET,

@@ -16,7 +16,7 @@ from fewrays.temporal.lamps import facing_normals, make_lamps
 from fewrays.temporal.plan import Plan, SurfaceRule
 from fewrays.temporal.statistics import Statistics
 
-__all__ = ["reconstruct_locations", "reconstruct_tiles"]
+__all__ = ["native_lights", "reconstruct_locations", "reconstruct_tiles"]
 
 
 def reconstruct_tiles(
@@ -39,7 +39,7 @@ def reconstruct_tiles(
     """
     hierarchy = Hierarchy(samples, plan.rule)
     where = plan.locations
-    lights = None if plan.lighting is None else _native_lights(samples, plan.lighting, plan)
+    lights = None if plan.lighting is None else native_lights(samples, plan.lighting, plan.rule, where.count)
     views = np.column_stack([where.uv, where.t, where.offset, where.weight]).astype(np.float32)
     rule = native_rule(plan.rule)
     starts = np.array(plan.band_starts, np.float32)
@@ -98,12 +98,12 @@ def native_rule(rule: SurfaceRule) -> _native.SurfaceRule:
     )
 
 
-def _native_lights(samples: SampleBuffer, lighting: Lighting, plan: Plan) -> _native.Lights:
+def native_lights(samples: SampleBuffer, lighting: Lighting, rule: SurfaceRule, views: int) -> _native.Lights:
     """Show native code the area lights, with a hierarchy of light samples for each."""
     projection = lighting.projection
     lights = _native.Lights(
         projection=np.array([*projection.focal, *projection.center], np.float32),
-        rule=native_rule(plan.rule),
+        rule=native_rule(rule.for_light()),
         unlit=lighting.unlit.reshape(-1, 3),
         normal=lighting.normal.reshape(-1, 3),
         facing=facing_normals(samples, lighting),
@@ -111,11 +111,10 @@ def _native_lights(samples: SampleBuffer, lighting: Lighting, plan: Plan) -> _na
     for lamp in make_lamps(samples, lighting):
         light = lamp.light
         lights.add(
-            tree=Hierarchy(lamp.field, plan.rule, lamp.unit).native,
+            tree=Hierarchy(lamp.field, rule, lamp.density).native,
             reflectance=lamp.reflectance,
-            density=lamp.density,
             arrives=lamp.arrives.astype(np.uint8),
-            points=lamp.points(plan.locations.count).astype(np.float32),
+            points=lamp.points(views).astype(np.float32),
             frame=np.concatenate([[light.center], light.axes]).astype(np.float32),
             half_size=light.half_size.astype(np.float32),
             distance=light.plane_distance,

@@ -25,6 +25,7 @@ from fewrays.lens import Lens
 from fewrays.light_samples import LightSamples
 from fewrays.lighting import Lighting
 from fewrays.samples import OFF_IMAGE, SampleBuffer
+from fewrays.temporal.locations import places
 
 __all__ = ["Lamp", "facing_normals", "make_lamps"]
 
@@ -46,8 +47,6 @@ class Lamp:
         Light samples as seen along the light's rays, in world units on Π.
     density : ndarray of float32, (N,)
         World units on Π per pixel; 0 for camera samples without a light sample.
-    unit : float
-        The median of the densities.
     arrives : ndarray of bool, (N,)
         Whether a light sample ends at its camera sample's point.
     reflectance : ndarray of float32, (N, 3)
@@ -57,7 +56,6 @@ class Lamp:
     light: AreaLight
     field: SampleBuffer
     density: Float32
-    unit: float
     arrives: npt.NDArray[np.bool_]
     reflectance: Float32
 
@@ -69,11 +67,10 @@ class Lamp:
     def points(self, count: int) -> Float64:
         """Return well spread light points, one for each of `count` views, ``(count, 2)`` in lens units.
 
-        They follow an additive recurrence, so that any run of them is spread well, and the views' lens
-        points, times and offsets have nothing to do with them.
+        As with times and offsets (`fewrays.temporal.locations`), places in an additive recurrence: along both
+        axes they fall one into each of `count` equal parts, and any run of views has well spread ones.
         """
-        order = np.arange(count)
-        square = (np.stack([order * _U_STEP, order * _V_STEP], axis=-1) + 0.5) % 1
+        square = np.stack([places(count, _U_STEP), places(count, _V_STEP)], axis=-1)
         spread = 2 * square - 1 if self.light.shape == "rectangle" else _to_disc(square)
         return spread * (self.light.half_size / self.lens_unit)
 
@@ -125,7 +122,6 @@ def _make_lamp(samples: SampleBuffer, light: LightSamples, arrives: npt.NDArray[
         light=plane,
         field=field,
         density=density,
-        unit=float(np.median(density[density > 0])),
         arrives=arrives.reshape(-1),
         reflectance=light.reflectance.reshape(-1, 3),
     )

@@ -50,7 +50,7 @@ from fewrays.aperture import Aperture
 from fewrays.pixel_filter import PixelFilter
 from fewrays.temporal.shutter import Shutter
 
-__all__ = ["Locations", "make_locations"]
+__all__ = ["Locations", "make_locations", "places"]
 
 Float32 = npt.NDArray[np.float32]
 Float64 = npt.NDArray[np.float64]
@@ -115,9 +115,9 @@ def make_locations(
         For a count that is out of range.
     """
     uv = aperture.points(count)
-    t = (shutter or Shutter()).times(_places(count, _TIME_STEP))
-    x, weight_x = pixel_filter.offsets(_places(count, _X_STEP))
-    y, weight_y = pixel_filter.offsets(_places(count, _Y_STEP))
+    t = (shutter or Shutter()).times(places(count, _TIME_STEP))
+    x, weight_x = pixel_filter.offsets(places(count, _X_STEP))
+    y, weight_y = pixel_filter.offsets(places(count, _Y_STEP))
     weight = weight_x * weight_y
     return Locations(
         uv=uv.astype(np.float32),
@@ -127,8 +127,8 @@ def make_locations(
     )
 
 
-def _places(count: int, step: float) -> Float64:
-    """Middles of `count` equal parts of [0, 1], in the order of the multiples of `step` modulo 1."""
+def places(count: int, step: float) -> Float64:
+    """Return the middles of `count` equal parts of [0, 1], in the order of multiples of `step` modulo 1."""
     order = np.argsort((np.arange(count) * step + 0.5) % 1, kind="stable")
     places = np.empty(count)
     places[order] = (np.arange(count) + 0.5) / count

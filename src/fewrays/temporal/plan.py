@@ -27,6 +27,7 @@ WIDEST = 8.0
 
 
 _OVERHANG = 0.11  # in units of R: silhouettes neither grow nor shrink
+_LIGHT_OVERHANG = 0.5  # times that: shadows neither grow nor shrink
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,10 @@ class SurfaceRule:
             tolerance=factor * self.tolerance,
             overhang=factor * self.overhang,
         )
+
+    def for_light(self) -> SurfaceRule:
+        """Return the rule for light samples: blockers are looked for farther off, and the tent is always on."""
+        return replace(self, overhang=_LIGHT_OVERHANG * self.overhang, tent=self.tent or 1.0)
 
     @classmethod
     def for_samples(

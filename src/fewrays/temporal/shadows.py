@@ -8,28 +8,27 @@ as the locations of a pixel are many: all dimensions are integrated at once, as 
 1. `Lights.receiver`: the point on the tangent plane of the nearest camera sample.
 2. `Lights.gain`: what light it would reflect to the camera if nothing were in between, from its samples' own
    reflectances and normals.
-3. `Lights.radiance_from`: the surface that covers the point as the light point sees it
-   (`surfaces.find_surface`), and the mean radiance of its light samples, where those that end in front of the
-   point count as dark: `blocks`.
+3. `Lights.radiance_from`: whether light samples that end in front of the point cover it as the light point
+   sees it, as surfaces do (`surfaces`); if not, the mean radiance of those that pass or end there.
 
-**What is in front.** Depths are not compared by a bias. A light sample stops light if it ends in front of the
-receiver's tangent plane, *and* the receiver lies behind the tangent plane of what it hit. On a flat surface
-neither holds; on a convex one its neighbours lie behind its tangent plane; in a hollow, and at the foot of a
-wall, they lie in front of it, but it lies in front of theirs. What remains is rounding, of which there is
-some hundred units in the last place of the distances involved. The tangent plane of a blocker that no camera
-sample has seen is not known: there, the first condition decides.
+**What is in front** (`Lights.blocks`). Depths are not compared by a bias. A light sample stops light if it
+ends in front of the receiver's tangent plane, *and* the receiver lies behind the tangent plane of what it
+hit. On a flat surface neither holds; on a convex one its neighbours lie behind its tangent plane; in a
+hollow, and at the foot of a wall, they lie in front of it, but it lies in front of theirs. On rough ground
+planes tell less: what juts out by less than it lies to the side of the ray is not in its way. What remains is
+rounding, of which there is some hundred units in the last place of the distances involved. The tangent plane
+of a blocker that no camera sample has seen is not known: there, the other conditions decide.
 
-**How far to look.** Radii count in units of the density of the light samples that were aimed at the
-receiver's surroundings (`view_light`). A blocker is met by fewer, if the camera does not see all of what lies
-in its shadow, and its samples leave holes. So where the surface that is found has another in front of it, the
-search is repeated with all lengths `SECOND_LOOK` times as long.
+**How far to look.** Radii count in units of the density of light samples (`view_light`): of those that were
+aimed at the receiver's surroundings, or each sample's own if it is denser. A blocker is met by fewer, if the
+camera does not see all of what lies in its shadow, and its samples leave holes: what cannot be told within R
+is told by looking `WIDE` times as far, where holes may be `SECOND_LOOK` times as large. Where all samples
+within that are blocked, but on one side only, the search goes on until there is light or blockers all around.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -38,10 +37,11 @@ from fewrays.lighting import Lighting
 from fewrays.samples import SampleBuffer
 from fewrays.temporal.lamps import Lamp, facing_normals, make_lamps
 from fewrays.temporal.plan import Plan
-from fewrays.temporal.surfaces import Surface, find_surface
+from fewrays.temporal.reprojection import Sights
+from fewrays.temporal.surfaces import Surface, any_covers, obviously_covers, surrounds
 from fewrays.temporal.view import View, ViewedField
 
-__all__ = ["GRAZING", "ROUNDING", "SECOND_LOOK", "Lights"]
+__all__ = ["GRAZING", "ROUGHNESS", "ROUNDING", "SECOND_LOOK", "Lights"]
 
 Float64 = npt.NDArray[np.float64]
 
@@ -51,8 +51,42 @@ ROUNDING = 2e-5
 GRAZING = 1e-3
 """Cosine at the light below which rays carry no light worth looking for."""
 
+ROUGHNESS = 1.0
+"""How far a hit must jut out over a receiver's tangent plane to block, per distance from its ray."""
+
 SECOND_LOOK = 1.5
-"""How many times as long lengths are where the first surface seen does not cover the receiver."""
+"""How many times as long lengths are where R does not tell light from shadow."""
+
+WIDE = 2.0
+"""Radius within which surfaces are told apart then, in R."""
+
+MOST_BLOCKERS = 32
+"""Blocking samples around a receiver that are looked at closely: of more, the nearest."""
+
+_WIDEST = 12.0  # radius up to which light is looked for, in R
+_LEAST_WEIGHT = 1e-6  # of a sample under the tent: where there are no others it counts
+
+
+@dataclass(frozen=True)
+class Around:
+    """The light samples around a receiver, as its light point sees them.
+
+    Parameters
+    ----------
+    blockers : Sights
+        Those that stop its light.
+    blocked_near : bool
+        Whether any of them is within R.
+    lit : bool
+        Whether there are others.
+    radiance : ndarray, (3,)
+        Mean of the others within R, or of those farther off, or else of the blockers.
+    """
+
+    blockers: Sights
+    blocked_near: bool
+    lit: bool
+    radiance: Float64
 
 
 @dataclass(frozen=True)
@@ -91,6 +125,7 @@ class Lights:
         self.lens = samples.lens
         self.projection = lighting.projection
         self.plan = plan
+        self.rule = plan.rule.for_light()
         self.unlit = lighting.unlit.reshape(-1, 3).astype(np.float64)
         self.normal = lighting.normal.reshape(-1, 3).astype(np.float64)
         self.facing = facing_normals(samples, lighting).astype(np.float64)
@@ -98,7 +133,6 @@ class Lights:
         self.fields = [ViewedField(lamp.field) for lamp in self.lamps]
         self.points = [lamp.points(plan.locations.count) for lamp in self.lamps]
         self.camera_paths = ViewedField(samples).paths
-        self.tally: Counter[str] = Counter()
 
     def shine(self, number: int) -> None:
         """See all light samples from the light points of a view, at its time."""
@@ -158,52 +192,89 @@ class Lights:
 
     def radiance_from(self, lamp: Lamp, view: View, receiver: Receiver) -> Float64:
         """Reconstruct the radiance ``(3,)`` that comes from the view's light point to a receiver."""
-        uv = view.uv * lamp.lens_unit / lamp.light.half_size
-        (x, y), _ = lamp.light.project(receiver.point, uv, view.time)
         density = lamp.density[receiver.sample].astype(np.float64)
         weight = receiver.share * (density > 0)
-        rule = self.plan.rule.scaled(float(weight @ density / weight.sum()))
-        surface = find_surface(partial(view.look, x, y), rule, self.tally)
-        if surface is not None and not surface.first:
-            surface = find_surface(partial(view.look, x, y), rule.scaled(SECOND_LOOK), self.tally)
-        if surface is None:
+        spacing = float(weight @ density / weight.sum())
+        rule = self.rule.scaled(spacing)
+        around = self._around(lamp, view, receiver, spacing, 1.0)
+        if around.lit and not around.blockers.count:
+            return around.radiance
+        if obviously_covers(around.blockers, rule):
             return np.zeros(3)
-        share = view.shares(surface) * ~self.blocks(lamp, view, surface, receiver, (x, y))
-        return np.asarray(share @ view.color[surface.sights.sample])
+        wide_rule = self.rule.scaled(SECOND_LOOK * spacing)
+        spread = WIDE
+        around = self._around(lamp, view, receiver, spacing, spread)
+        while not around.lit and spread < _WIDEST and not surrounds(around.blockers.xy, wide_rule):
+            spread = min(2 * spread, _WIDEST)
+            around = self._around(lamp, view, receiver, spacing, spread)
+        if around.lit and not around.blocked_near and spread == WIDE:
+            return around.radiance
+        dark = not around.lit or any_covers(_nearest(around.blockers), wide_rule)
+        return np.zeros(3) if dark else around.radiance
+
+    def _around(self, lamp: Lamp, view: View, receiver: Receiver, spacing: float, spread: float) -> Around:
+        """Sort out the light samples within `spread` R of a receiver."""
+        uv = view.uv * lamp.lens_unit / lamp.light.half_size
+        (x, y), _ = lamp.light.project(receiver.point, uv, view.time)
+        sights = view.look(x, y, spread * self.rule.radius * spacing)
+        distance = np.hypot(*sights.xy.T)
+        reach = self.rule.radius * np.minimum(lamp.density[sights.sample], spacing)
+        used = distance <= spread * reach
+        sights, distance, reach = sights.take(used), distance[used], reach[used]
+        blocked = self.blocks(lamp, view, sights, receiver, (x, y))
+        within = distance <= reach
+        tent = reach * np.where(within, self.rule.tent, spread)
+        weight = np.maximum(1 - distance / tent, _LEAST_WEIGHT)
+        radiance = np.zeros(3)
+        for which in (~blocked & within, ~blocked, blocked):
+            if which.any():
+                weights = weight[which]
+                radiance = weights @ view.color[sights.sample[which]] / weights.sum()
+                break
+        return Around(sights.take(blocked), bool((blocked & within).any()), not blocked.all(), radiance)
 
     def blocks(
-        self, lamp: Lamp, view: View, surface: Surface, receiver: Receiver, at: tuple[float, float]
+        self, lamp: Lamp, view: View, sights: Sights, receiver: Receiver, at: tuple[float, float]
     ) -> npt.NDArray[np.bool_]:
-        """Tell which of a surface's light samples ``(n,)`` end in front of a receiver.
+        """Tell which light samples ``(n,)`` end in front of a receiver.
 
         Parameters
         ----------
         lamp : Lamp
         view : View
             Of the light samples.
-        surface : Surface
+        sights : Sights
+            Some of them, at positions relative to the receiver's.
         receiver : Receiver
         at : tuple of float
             Where the receiver is seen, on Π in world units.
         """
-        light, sample = lamp.light, surface.sights.sample
+        light = lamp.light
         start = self._light_point(lamp, view)
         uv = view.uv * lamp.lens_unit / light.half_size
         # The slope is a (1 - d / w) along the longer half size a.
-        depth = light.plane_distance / (1 - surface.sights.slope / lamp.lens_unit)
-        hits = light.hits(surface.sights.xy + np.array(at), uv, depth, view.time)
+        depth = light.plane_distance / (1 - sights.slope / lamp.lens_unit)
+        hits = light.hits(sights.xy + np.array(at), uv, depth, view.time)
         precision = ROUNDING * (
             np.linalg.norm(start - receiver.point)
             + np.linalg.norm(receiver.point)
             + np.linalg.norm(light.centers(view.time))
         )
         facing = receiver.facing * np.copysign(1.0, receiver.facing @ (start - receiver.point))
-        in_front = (hits - receiver.point) @ facing > precision
-        planes = self.facing[sample]
+        receiver_depth = light.to_light_space(receiver.point, view.time)[2]
+        beside = np.hypot(*sights.xy.T) * receiver_depth / light.plane_distance
+        in_front = (hits - receiver.point) @ facing > precision + ROUGHNESS * beside
+        planes = self.facing[sights.sample]
         planes = planes * np.copysign(1.0, (planes * (start - hits)).sum(axis=-1))[:, None]
         behind = (planes * (receiver.point - hits)).sum(axis=-1) < -precision
-        return np.asarray(in_front & (behind | ~lamp.arrives[sample]))
+        return np.asarray(in_front & (behind | ~lamp.arrives[sights.sample]))
 
     def _light_point(self, lamp: Lamp, view: View) -> Float64:
         """Return the light point of a view in camera space, ``(3,)``."""
         return lamp.light.points(view.uv * lamp.lens_unit / lamp.light.half_size, view.time)
+
+
+def _nearest(sights: Sights) -> Sights:
+    """Return the nearest samples of a crowd."""
+    x, y = sights.xy.T
+    return sights.take(np.lexsort([y, x, x**2 + y**2])[:MOST_BLOCKERS])

@@ -36,12 +36,15 @@ __all__ = [
     "LEAST_SAMPLES",
     "Look",
     "Surface",
+    "any_covers",
     "covers",
     "crossings",
     "fills_quadrants",
     "find_surface",
     "group_into_surfaces",
     "is_covered",
+    "obviously_covers",
+    "surrounds",
     "tent_weights",
 ]
 
@@ -64,13 +67,10 @@ class Surface:
         Its samples, at positions relative to the location.
     tent : float
         Radius of the tent to filter them with, in pixels.
-    first : bool
-        Whether it is the first of the surfaces near the location.
     """
 
     sights: Sights
     tent: float
-    first: bool = True
 
     @property
     def slope(self) -> float:
@@ -128,7 +128,6 @@ def _choose_surface(sights: Sights, rule: SurfaceRule, tent: float, tally: Count
     """
     groups = group_into_surfaces(sights, rule)
     surface: list[Sights] = []
-    first = True
     for group in groups[:-1]:
         tally["surfaces"] += 1
         surface.append(group)
@@ -138,12 +137,11 @@ def _choose_surface(sights: Sights, rule: SurfaceRule, tent: float, tally: Count
         joined = Sights.join(surface)
         if covers(joined.xy, rule):
             tally["covered"] += 1
-            return Surface(joined, tent, first)
+            return Surface(joined, tent)
         surface = []
-        first = False
     tally["surfaces"] += 1
     tally["last"] += 1
-    return Surface(Sights.join([*surface, groups[-1]]), tent, first)
+    return Surface(Sights.join([*surface, groups[-1]]), tent)
 
 
 def crossings(sights: Sights, rule: SurfaceRule) -> Float64:
@@ -220,12 +218,49 @@ def covers(xy: Float64, rule: SurfaceRule) -> bool:
     Its samples are moved towards the origin by the overhang, straight against where they lie on average.
     Around an origin well inside of the surface that makes no difference: triangles are there either way.
     """
+    return is_covered(_reaching_out(xy, rule), rule.radius)
+
+
+def surrounds(xy: Float64, rule: SurfaceRule) -> bool:
+    """Tell whether samples at points (N, 2) lie on all sides of the origin, however far from each other."""
+    if not len(xy):
+        return False
+    x, y = _reaching_out(xy, rule).T
+    angle = np.sort(np.arctan2(y, x))
+    return bool(np.diff(angle, append=angle[0] + 2 * np.pi).max() <= np.pi)
+
+
+def any_covers(sights: Sights, rule: SurfaceRule) -> bool:
+    """Tell whether one of the surfaces that samples around the origin belong to covers it.
+
+    A surface of too few samples is blended with the next behind it.
+    """
+    surface: list[Sights] = []
+    for group in group_into_surfaces(sights, rule) if sights.count else []:
+        surface.append(group)
+        joined = Sights.join(surface)
+        if joined.count < LEAST_SAMPLES:
+            continue
+        if covers(joined.xy, rule):
+            return True
+        surface = []
+    return False
+
+
+def obviously_covers(sights: Sights, rule: SurfaceRule) -> bool:
+    """Tell whether samples around the origin are one surface and fill all four quadrants."""
+    if sights.count < LEAST_SAMPLES:
+        return False
+    spread = np.ptp(sights.slope) * rule.along_lens + np.ptp(sights.speed, axis=0).max() * rule.along_time
+    return bool(spread <= rule.tolerance) and fills_quadrants(sights.xy)
+
+
+def _reaching_out(xy: Float64, rule: SurfaceRule) -> Float64:
+    """Move points (N, 2) towards the origin by the overhang, against where they lie on average."""
     weight = np.maximum(1 - np.square(xy).sum(axis=-1) / rule.radius**2, 0)
     direction = weight @ xy
     length = float(np.hypot(*direction))
-    if length > 0:
-        xy = xy - rule.overhang / length * direction
-    return is_covered(xy, rule.radius)
+    return xy if length == 0 else xy - rule.overhang / length * direction
 
 
 def is_covered(xy: Float64, radius: float) -> bool:

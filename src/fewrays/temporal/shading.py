@@ -1,0 +1,109 @@
+"""Camera samples shaded one by one, from the light samples of all: beyond temporal, section 5.
+
+The paper reconstructs light at the points that its locations see. The same reconstruction at the points of
+the *camera samples* themselves gives a `SampleBuffer` whose radiance has no shadow noise left, and every
+method can take that: those that know nothing of lights as well, and those that look at the samples' own mean.
+The points need no reconstruction then, and cost the same: the samples of a pixel share the light points that
+its locations would have had.
+
+Where nothing moves, each sample gets every so many of the light points, and the samples of a pixel get all
+between them. Where something moves, light points have times, and a sample gets those of about its own time:
+its point is followed to each of them, so that light and point are never of different times.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from fewrays import _native
+from fewrays.errors import require_option
+from fewrays.native_view import view_light_field
+from fewrays.parallel import Execution, map_ranges
+from fewrays.samples import SampleBuffer
+from fewrays.temporal.kernel import native_lights
+from fewrays.temporal.plan import SurfaceRule
+from fewrays.tiling import Tiling
+
+__all__ = ["shade"]
+
+Float32 = npt.NDArray[np.float32]
+
+_TILE = 32
+_WINDOWS = 8  # in a shutter: the part of it from which a moving sample's light points are taken
+
+
+def shade(
+    samples: SampleBuffer,
+    *,
+    light_points: int = 128,
+    radius_scale: float = 1.7,
+    threads: int | None = None,
+    progress: bool = False,
+) -> SampleBuffer:
+    """Replace the direct light of area lights, one noisy light sample each, by what all light samples tell.
+
+    Parameters
+    ----------
+    samples : SampleBuffer
+        With `SampleBuffer.lighting`.
+    light_points : int
+        Light points for each pixel and light: time grows with them, noise shrinks.
+    radius_scale : float
+        Radius within which light samples are gathered, in units of the largest hole that their pattern
+        leaves.
+    threads : int, optional
+        Threads to use; all usable cores when omitted.
+    progress : bool
+        Show a progress bar on stderr for work that takes over two seconds.
+
+    Returns
+    -------
+    SampleBuffer
+        The same samples with other colours and without lighting, for any method.
+
+    Raises
+    ------
+    SampleError
+        For samples without lighting, and options that are out of range.
+    """
+    require_option("light_points", light_points, 1 <= light_points <= 65536, "from 1 to 65536")
+    require_option("radius_scale", radius_scale, 0.25 <= radius_scale <= 8, "from 0.25 to 8")
+    lighting = samples.lighting
+    require_option("lighting", lighting, lighting is not None, "samples with area lights and light samples")
+    assert lighting is not None
+    field = view_light_field(samples)
+    share = max(1, light_points // samples.spp)
+    times, first_view, step = _views(samples, share)
+    rule = SurfaceRule.for_samples(samples, light_points, radius_scale=radius_scale, tent_scale=1)
+    lights = native_lights(samples, lighting, rule, len(times))
+    color = np.zeros_like(samples.color)
+    tiling = Tiling(height=samples.height, width=samples.width, tile=_TILE)
+
+    def tiles(first: int, last: int) -> None:
+        _native.shade_tiles(field, lights, _TILE, share, step, times, first_view, first, last, color)
+
+    execution = Execution(threads=threads, progress=progress)
+    map_ranges(tiles, tiling.tile_count, execution, label="light", chunk=1)
+    return replace(samples, color=color, lighting=None)
+
+
+def _views(samples: SampleBuffer, share: int) -> tuple[Float32, npt.NDArray[np.int32], int]:
+    """Return the views' times, and the first of its `share` views for each sample, with the step to the next.
+
+    The samples of a pixel are told apart by where they are, so that their order means nothing.
+    """
+    lighting = samples.lighting
+    moving = lighting is not None and lighting.moves
+    if samples.time is not None and (moving or (samples.motion is not None and bool(samples.motion.any()))):
+        count = share * _WINDOWS
+        times = ((np.arange(count) + 0.5) / count).astype(np.float32)
+        first = np.clip(np.searchsorted(times, samples.time) - share // 2, 0, count - share)
+        return times, first.reshape(-1).astype(np.int32), 1
+    step = samples.spp
+    rank = samples.xy[..., 0].argsort(axis=-1, kind="stable").argsort(axis=-1, kind="stable")
+    rows, columns = np.ogrid[: samples.height, : samples.width]
+    first = (rank + (columns + 2 * rows)[..., None]) % step
+    return np.zeros(share * step, np.float32), first.reshape(-1).astype(np.int32), step
