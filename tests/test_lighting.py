@@ -457,11 +457,12 @@ class TestLighting:
         assert repr(lit_buffer(lights=LIGHTS[:1])).endswith("still, 1 light)")
         assert "lighting" not in samples.field_names()
 
-    def test_methods_that_know_no_lights_take_the_colour(self) -> None:
+    def test_methods_take_the_colour_where_shadows_are_not_wanted(self) -> None:
         samples = lit_buffer((6, 7, 2))
         for method in ("box", "layered", "multiplane"):
             np.testing.assert_array_equal(
-                reconstruct(samples, method), reconstruct(replace(samples, lighting=None), method)
+                reconstruct(samples, method, shadows=False),
+                reconstruct(replace(samples, lighting=None), method),
             )
 
     @pytest.mark.parametrize("name", ["normal", "depth_gradient", "unlit"])

@@ -231,7 +231,7 @@ class Lighting:
             result[rows] = (light.density[rows] > 0) & (light.depth[rows] >= local[..., 2] - reach)
         return result
 
-    def direct(self, samples: SampleBuffer, light_number: int) -> Float32:
+    def direct(self, samples: SampleBuffer, light_number: int, *, occluded: bool = True) -> Float32:
         """Return the radiance that the light samples of one light bring.
 
         It is the estimate of the direct light by one point of the light, for points drawn uniformly from its
@@ -248,6 +248,8 @@ class Lighting:
             The samples that this belongs to.
         light_number : int
             Which of `lights`.
+        occluded : bool
+            Whether rays that do not arrive bring nothing; otherwise they bring what they would if they did.
 
         Returns
         -------
@@ -255,7 +257,7 @@ class Lighting:
         """
         light = self.lights[light_number]
         result = np.empty((*self.shape, 3), np.float32)
-        arrives = self.arrives(samples, light_number)
+        light_up = self.arrives(samples, light_number) if occluded else light.density > 0
         for rows in self._blocks():
             local, _ = self._receivers(samples, light_number, rows)
             start = light.luv[rows] * light.light.half_size
@@ -264,7 +266,7 @@ class Lighting:
             # Both cosines still hold a factor r, which makes r to the fourth.
             squared = np.maximum(np.square(to_light).sum(axis=-1), np.finfo(np.float64).tiny)
             geometry = np.maximum(cosine, 0) * np.maximum(local[..., 2], 0) / squared**2
-            weight = np.where(arrives[rows], geometry * light.light.area, 0.0)
+            weight = np.where(light_up[rows], geometry * light.light.area, 0.0)
             result[rows] = weight[..., None] * light.radiance[rows] * light.reflectance[rows]
         return result
 

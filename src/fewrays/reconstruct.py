@@ -86,8 +86,8 @@ def reconstruct(
     aovs : bool
         Return the method's further outputs as well.
     shadows : bool
-        Where samples come with light samples of area lights, reconstruct their light and shadow (see `shade`);
-        otherwise take the noisy radiance as it is.
+        Where samples come with light samples of area lights, reconstruct their light and shadow, as `shade`
+        does; otherwise take the noisy radiance as it is.
     **options
         Fields of the method's options, such as ``tile=32`` for ``"layered"``; see its options class.
 
@@ -144,7 +144,15 @@ def run_method(samples: SampleBuffer, method: Method, options: Any, execution: E
 
 
 def shaded_for(method: Method, samples: SampleBuffer, options: Any, execution: Execution) -> SampleBuffer:
-    """Return samples with light and shadow of their area lights reconstructed, unless the method does that."""
-    if samples.lighting is None or not execution.shadows or method.reads_lights(options):
+    """Return samples with light and shadow of their area lights reconstructed, unless the method does that.
+
+    Without shadows they lose their lights instead, so that no method reads them.
+    """
+    if samples.lighting is None:
         return samples
-    return shade(samples, threads=execution.threads, progress=execution.progress)
+    if not execution.shadows:
+        return dataclasses.replace(samples, lighting=None)
+    if method.reads_lights(options):
+        return samples
+    device: Literal["auto", "reference"] = "reference" if execution.device == "reference" else "auto"
+    return shade(samples, device=device, threads=execution.threads, progress=execution.progress)

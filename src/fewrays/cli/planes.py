@@ -11,6 +11,8 @@ from tyro.conf import OmitArgPrefixes
 from fewrays.cli.command import Command, InputFlags, SamplesFile, check_output, report, stopwatch
 from fewrays.multiplane import BuildOptions, Multiplane
 from fewrays.multiplane.preparation import PREPARATION
+from fewrays.parallel import Execution
+from fewrays.reconstruct import find_method, shaded_for
 
 __all__ = ["Planes"]
 
@@ -30,6 +32,8 @@ class Planes(Command):
         The file of planes to write: .planes.
     threads
         Threads to use; all usable cores when omitted. The result does not depend on it.
+    shadows
+        Reconstruct soft shadows where samples come with light samples; '--no-shadows' takes them as they are.
     """
 
     examples: ClassVar[tuple[str, ...]] = (
@@ -40,6 +44,7 @@ class Planes(Command):
     samples: SamplesFile
     out: Path
     threads: int | None = None
+    shadows: bool = True
     input: OmitArgPrefixes[InputFlags] = field(default_factory=InputFlags)
     options: OmitArgPrefixes[BuildOptions] = field(default_factory=BuildOptions)
 
@@ -47,7 +52,9 @@ class Planes(Command):
         """Load, build, save."""
         check_output(self.out, (PREPARATION.extension,))
         samples = self.input.load(self.samples)
+        execution = Execution(threads=self.threads, progress=True, shadows=self.shadows)
         with stopwatch() as watch:
+            samples = shaded_for(find_method("multiplane"), samples, self.options, execution)
             planes = Multiplane.build(samples, **asdict(self.options), threads=self.threads, progress=True)
         planes.save(self.out)
         report("planes", samples, watch, self.out)

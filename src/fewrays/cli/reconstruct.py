@@ -56,7 +56,7 @@ class Reconstruct(Command, Generic[Options]):
     exposure
         Brightening of a .png, in stops.
     shadows
-        Reconstruct soft shadows, where samples come with light samples; '--no-shadows' takes them as they are.
+        Reconstruct soft shadows where samples come with light samples; '--no-shadows' takes them as they are.
     aovs
         Also write the method's further outputs into this directory, as .exr files.
     """

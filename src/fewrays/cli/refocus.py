@@ -73,6 +73,8 @@ class Refocus(Command, Generic[Options]):
         Threads to use; all usable cores when omitted. The result does not depend on it.
     exposure
         Brightening of .png, .gif and .webp, in stops.
+    shadows
+        Reconstruct soft shadows where samples come with light samples; '--no-shadows' takes them as they are.
     """
 
     examples: ClassVar[tuple[str, ...]] = (
@@ -93,6 +95,7 @@ class Refocus(Command, Generic[Options]):
     device: Literal["auto", "cpu", "reference"] = "auto"
     threads: int | None = None
     exposure: float = 0.0
+    shadows: bool = True
     input: OmitArgPrefixes[InputFlags] = field(default_factory=InputFlags)
     options: Annotated[OmitArgPrefixes[Options], arg(name="method")] = field(kw_only=True)
 
@@ -154,7 +157,7 @@ class Refocus(Command, Generic[Options]):
         method = find_method(self.method)
         lenses = [source.lens.refocus(distance) for distance in distances]
         with progress_bar(len(lenses), "refocus", show=True, unit="frame") as bar:
-            render = source.renderer(self.options, Execution(self.device, self.threads))
+            render = source.renderer(self.options, Execution(self.device, self.threads, shadows=self.shadows))
             for lens in lenses:
                 yield render(lens).image, provenance(method, self.options, lens, self.samples)
                 bar.update()

@@ -46,6 +46,9 @@ class Render(Command):
         Light paths averaged into each sample: raise it where the light is hard to sample.
     bandwidth
         Store how far over the lens each radiance holds: for glossy surfaces, and the method 'temporal'.
+    lighting
+        Trace a ray from every rectangle and disc light to every sample: for soft shadows, and the method
+        'temporal'.
     max_depth
         Longest light path, in bounces plus one; replaces the scene's integrator by a path tracer.
     background_depth
@@ -76,6 +79,7 @@ class Render(Command):
     focus_distance: float | None = None
     shading_spp: int = 16
     bandwidth: bool = False
+    lighting: bool = False
     max_depth: int | None = None
     background_depth: float | None = None
     sensor: int = 0

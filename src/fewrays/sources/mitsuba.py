@@ -11,7 +11,8 @@ integrator how much light comes back:
 
 Moving scenes go through steps 2 to 4 once for each slice of the shutter interval; see
 `fewrays.sources.mitsuba_motion`. How far over the lens a sample's radiance holds is read off the roughness of
-what it hit; see `fewrays.sources.mitsuba_gloss`.
+what it hit; see `fewrays.sources.mitsuba_gloss`. With `lighting`, area lights are sampled apart
+(`fewrays.sources.mitsuba_lights`), and step 4 is done without them (`fewrays.sources.mitsuba_unlit`).
 
 Camera space follows Mitsuba: x to the *left* of the image, y up, z forward. With image coordinates x right
 and y down, both change sign, for lens positions as for directions.
@@ -32,12 +33,17 @@ import numpy.typing as npt
 
 from fewrays.errors import SampleError, require_option
 from fewrays.lens import Aperture, Lens, Sampling
+from fewrays.light_samples import LightSamples
+from fewrays.lighting import Lighting
 from fewrays.parallel import progress_bar
+from fewrays.projection import Projection
 from fewrays.samples import SampleBuffer
 from fewrays.sources.llvm import find_llvm
 from fewrays.sources.mitsuba_gloss import Gloss
+from fewrays.sources.mitsuba_lights import FoundLight, LightTracer, View, find_lights
 from fewrays.sources.mitsuba_motion import MovingShapes
-from fewrays.sources.patterns import check_size, sample_pattern, sample_times
+from fewrays.sources.mitsuba_unlit import Unlit
+from fewrays.sources.patterns import check_size, sample_lights, sample_pattern, sample_times
 
 __all__ = ["VARIANTS", "activate", "lens_of", "render"]
 
@@ -45,6 +51,7 @@ VARIANTS = ("llvm_ad_rgb", "cuda_ad_rgb")
 """The Mitsuba variants that this source runs on."""
 
 _MAX_PATHS = 2**22  # light paths traced at once; Dr.Jit keeps about 200 bytes for each
+_MAX_LIT = 2**18  # camera samples at once that get light samples, at about 1 kB for each
 _MAX_SLICES = 65_536
 _BACKGROUND_FACTOR = 1000.0  # escaped rays count as this many times farther than the scene's far end
 
@@ -71,6 +78,7 @@ def render(
     motion: Mapping[str, Any] | None = None,
     time_slices: int = 64,
     bandwidth: bool = False,
+    lighting: bool = False,
     sensor: int = 0,
     variant: str | None = None,
     progress: bool = False,
@@ -117,6 +125,10 @@ def render(
     bandwidth : bool
         Store how far over the lens each sample's radiance holds, from the roughness of what it hit: for the
         *temporal* method, which then keeps the highlights of glossy things sharp where they are defocused.
+    lighting : bool
+        Trace one ray more per sample from every rectangle and disc that glows, and store what it meets: for
+        soft shadows from few samples. Needs a ``path`` or a ``direct`` integrator and a scene without media;
+        such lights may only be shifted by `motion`.
     sensor : int
         Which of the scene's sensors to use.
     variant : {"llvm_ad_rgb", "cuda_ad_rgb"}, optional
@@ -128,7 +140,7 @@ def render(
     -------
     SampleBuffer
         With `spp` samples per pixel, each in its own pixel's place. With times and motion vectors if
-        something moves, and with bandwidths if asked for.
+        something moves, and with bandwidths and lighting if asked for.
 
     Raises
     ------
@@ -147,31 +159,55 @@ def render(
         camera = _Camera.of(mi, loaded, sensor, width, height, lens_radius, focus_distance)
         lens = camera.lens(aperture, sampling or aperture, sigma)
         xy, uv = _pattern(camera, spp, seed, lens)
+        chosen = _choose_integrator(mi, loaded, integrator, max_depth)
+        view = camera.view(lens)
+        lights = find_lights(mi, loaded, view, moving) if lighting else []
         tracer = _Tracer(
             mi=mi,
             scene=loaded,
             camera=camera,
-            integrator=_choose_integrator(mi, loaded, integrator, max_depth),
+            integrator=chosen,
             shading_spp=shading_spp,
             background_depth=_choose_background(loaded, camera, background_depth, moving),
             moving=moving,
             gloss=Gloss(mi, camera.lens_radius) if bandwidth else None,
+            lights=LightTracer(mi, loaded, view, lights, moving) if lights else None,
+            unlit=Unlit(mi, loaded, chosen, [light.emitter for light in lights]) if lights else None,
         )
-        shape = xy.shape[:3]
         times = None if moving is None else _slice_times(camera, spp, seed, time_slices)
-        depth, color, change, holds = tracer.trace(
-            xy.reshape(-1, 2), uv.reshape(-1, 2), times, seed, progress
-        )
-    return SampleBuffer(
-        xy,
-        uv,
-        depth.reshape(shape),
-        color.reshape(*shape, 3),
-        lens,
-        time=None if times is None else times.reshape(shape),
-        motion=None if change is None else change.reshape(*shape, 3),
-        bandwidth=None if holds is None else holds.reshape(shape),
+        luv = _light_points(camera, spp, seed, lights) if lights else None
+        arrays = tracer.trace(xy.reshape(-1, 2), uv.reshape(-1, 2), times, luv, seed, progress)
+    if times is not None:
+        arrays["time"] = times
+    return _buffer(xy, uv, arrays, lens, view.projection, lights)
+
+
+def _buffer(
+    xy: Float32,
+    uv: Float32,
+    arrays: dict[str, Float32],
+    lens: Lens,
+    projection: Projection,
+    lights: Sequence[FoundLight],
+) -> SampleBuffer:
+    """Give arrays (N, ...) the image's shape, and put them where they belong."""
+    camera: dict[str, Any] = {}
+    parts: list[dict[str, Any]] = [{} for _ in lights]
+    for name, array in arrays.items():
+        owner, _, field = name.rpartition(".")
+        part = parts[int(owner.removeprefix("light"))] if owner else camera
+        part[field] = array.reshape(*xy.shape[:3], *array.shape[1:])
+    if not lights:
+        return SampleBuffer(xy, uv, lens=lens, **camera)
+    lighting = Lighting(
+        projection,
+        normal=camera.pop("normal"),
+        depth_gradient=camera.pop("depth_gradient"),
+        unlit=camera["color"],
+        lights=[LightSamples(light.area, **part) for light, part in zip(lights, parts, strict=True)],
     )
+    unlit = SampleBuffer(xy, uv, lens=lens, lighting=lighting, **camera)
+    return dataclasses.replace(unlit, color=lighting.color(unlit))
 
 
 def lens_of(
@@ -224,6 +260,19 @@ def _slice_times(camera: _Camera, spp: int, seed: int, slices: int) -> Float32:
         continuous = sample_times(*size, seed=seed, rows=rows)
         times[slice(*rows)] = (np.floor(continuous * slices) + 0.5) / slices
     return times.reshape(-1)
+
+
+def _light_points(camera: _Camera, spp: int, seed: int, lights: Sequence[FoundLight]) -> Float32:
+    """Return the pattern's points on every light, (N, L, 2), in [-1, 1]² or the unit disc."""
+    size = (camera.height, camera.width, spp)
+    points = np.empty((*size, len(lights), 2), np.float32)
+    for number, light in enumerate(lights):
+        shape: Sampling = "disc" if light.area.shape == "disc" else "square"
+        for rows in _row_blocks(camera, spp):
+            points[slice(*rows), :, :, number] = sample_lights(
+                *size, seed=seed, light=number, sampling=shape, rows=rows
+            )
+    return points.reshape(-1, len(lights), 2)
 
 
 def _row_blocks(camera: _Camera, spp: int) -> Iterator[tuple[int, int]]:
@@ -307,6 +356,9 @@ class _Camera:
         blur = self.pixels * self.lens_radius
         return Lens(-blur, blur / self.focus_distance, aperture, sampling, sigma)
 
+    def view(self, lens: Lens) -> View:
+        return View(Projection((self.pixels, self.pixels), self.centre), lens, self.to_world)
+
     def rays(self, xy: Float32, uv: Float32) -> tuple[Float32, Float32]:
         """Return where rays cross the near plane and their directions, both (N, 3), in world space.
 
@@ -348,53 +400,68 @@ class _Tracer:
     background_depth: float
     moving: MovingShapes | None
     gloss: Gloss | None
+    lights: LightTracer | None
+    unlit: Unlit | None
 
     def trace(
-        self, xy: Float32, uv: Float32, times: Float32 | None, seed: int, progress: bool
-    ) -> tuple[Float32, Float32, Float32 | None, Float32 | None]:
-        """Return depths (N,), radiances (N, 3), motions (N, 3) and bandwidths (N,) of samples.
+        self,
+        xy: Float32,
+        uv: Float32,
+        times: Float32 | None,
+        luv: Float32 | None,
+        seed: int,
+        progress: bool,
+    ) -> dict[str, Float32]:
+        """Return ``depth`` (N,) and ``color`` (N, 3) of samples, and what else they have.
 
         They are at `xy` and `uv`, both (N, 2). `times` (N,) come with moving shapes, and are few different
-        ones. Still scenes have no motions; bandwidths are only there if `gloss` is.
+        ones; then there is ``motion`` (N, 3). With `gloss` there is ``bandwidth`` (N,). With `lights` and
+        points `luv` (N, L, 2) on them, ``color`` is without their light, and there is what
+        `LightTracer.trace` returns.
         """
         import drjit as dr
 
         count = len(xy)
-        depth, color = np.empty(count, np.float32), np.empty((count, 3), np.float32)
-        change = None if self.moving is None else np.empty((count, 3), np.float32)
-        holds = None if self.gloss is None else np.empty(count, np.float32)
+        arrays: dict[str, Float32] = {}
         posing = contextlib.nullcontext() if self.moving is None else self.moving.posing()
         with posing, progress_bar(count, "render", show=progress, unit="sample") as bar:
-            for part, entropy in self._parts(count, times):
-                batch = self._trace_batch(xy[part], uv[part], [seed, *entropy])
-                for whole, values in zip((depth, color, change, holds), batch, strict=True):
-                    if whole is not None:
-                        whole[part] = values
-                bar.update(len(depth[part]))
+            for part, time, entropy in self._parts(count, times):
+                points = None if luv is None else luv[part]
+                batch = self._trace_batch(xy[part], uv[part], time, points, [seed, *entropy])
+                for name, values in batch.items():
+                    if name not in arrays:
+                        arrays[name] = np.empty((count, *values.shape[1:]), np.float32)
+                    arrays[name][part] = values
+                bar.update(len(batch["depth"]))
         # Dr.Jit keeps its memory, and work that is still queued when the interpreter ends can crash it.
         dr.sync_thread()
         dr.flush_malloc_cache()
-        return depth, color, change, holds
+        return arrays
 
     def _parts(
         self, count: int, times: Float32 | None
-    ) -> Iterator[tuple[slice | npt.NDArray[np.intp], tuple[int, ...]]]:
-        """Cut samples into numbered parts of bounded size, and pose the scene for each as it comes up."""
+    ) -> Iterator[tuple[slice | npt.NDArray[np.intp], float, tuple[int, ...]]]:
+        """Cut samples into numbered parts of bounded size, and pose the scene for each as it comes up.
+
+        Each comes with its time over the shutter.
+        """
         size = max(1, _MAX_PATHS // self.shading_spp)
+        if self.lights is not None:
+            size = min(size, _MAX_LIT)
         if self.moving is None or times is None:
             for number, first in enumerate(range(0, count, size)):
-                yield slice(first, min(first + size, count)), (number,)
+                yield slice(first, min(first + size, count)), 0.0, (number,)
             return
         order = np.argsort(times, kind="stable")
         values, starts = np.unique(times[order], return_index=True)
         for index, (time, members) in enumerate(zip(values, np.split(order, starts[1:]), strict=True)):
             self.moving.pose(float(time))
             for number, first in enumerate(range(0, len(members), size)):
-                yield members[first : first + size], (index, number)
+                yield members[first : first + size], float(time), (index, number)
 
     def _trace_batch(
-        self, xy: Float32, uv: Float32, entropy: Sequence[int]
-    ) -> tuple[Float32, Float32, Float32 | None, Float32 | None]:
+        self, xy: Float32, uv: Float32, time: float, luv: Float32 | None, entropy: Sequence[int]
+    ) -> dict[str, Float32]:
         import drjit as dr
 
         mi, camera = self.mi, self.camera
@@ -406,21 +473,38 @@ class _Tracer:
         hit = self.scene.ray_intersect_preliminary(ray, True)
         depth = dr.select(hit.is_valid(), camera.near + hit.t / mi.Float(length), self.background_depth)
 
+        radiance = self._radiance(ray, hit, seed, len(xy))
+        dr.eval(depth, radiance, hit)  # or else block_sum would trace all paths once for each channel
+        mean = dr.block_sum(radiance, self.shading_spp) / self.shading_spp
+        arrays = {"depth": depth.numpy(), "color": mean.numpy().T}
+        if self.moving is not None:
+            arrays["motion"] = camera.screen_motion(self.moving.displacement(hit, ray))
+        if self.gloss is not None:
+            arrays["bandwidth"] = self.gloss.bandwidth(hit, ray, arrays["depth"])
+        if self.lights is not None and luv is not None:
+            arrays |= self.lights.trace(hit, ray, xy, uv, arrays["depth"], time, luv)
+        return arrays
+
+    def _radiance(self, ray: Any, hit: Any, seed: int, count: int) -> Any:
+        """Return the radiance of `shading_spp` light paths along each ray."""
+        import drjit as dr
+
+        mi = self.mi
         sampler = mi.load_dict({"type": "multijitter", "sample_count": self.shading_spp})
         if sampler.sample_count() != self.shading_spp:  # it only makes near-square grids
             sampler = mi.load_dict({"type": "independent", "sample_count": self.shading_spp})
         sampler.set_samples_per_wavefront(self.shading_spp)
-        sampler.seed(seed, len(xy) * self.shading_spp)
+        sampler.seed(seed, count * self.shading_spp)
         paths = mi.RayDifferential3f(
-            dr.repeat(ray.o, self.shading_spp), dr.repeat(ray.d, self.shading_spp), camera.time, []
+            dr.repeat(ray.o, self.shading_spp), dr.repeat(ray.d, self.shading_spp), self.camera.time, []
         )
         paths.maxt = dr.repeat(ray.maxt, self.shading_spp)
-        radiance = mi.Color3f(self.integrator.sample(self.scene, sampler, paths, camera.medium)[0])
-        dr.eval(depth, radiance, hit)  # or else block_sum would trace all paths once for each channel
-        mean = dr.block_sum(radiance, self.shading_spp) / self.shading_spp
-        change = None if self.moving is None else camera.screen_motion(self.moving.displacement(hit, ray))
-        holds = None if self.gloss is None else self.gloss.bandwidth(hit, ray, depth.numpy())
-        return depth.numpy(), mean.numpy().T, change, holds
+        if self.unlit is not None:
+            dr.eval(hit)
+            index = dr.repeat(dr.arange(mi.UInt32, count), self.shading_spp)
+            same = dr.gather(mi.PreliminaryIntersection3f, hit, index)
+            return self.unlit.sample(sampler, same, paths)
+        return mi.Color3f(self.integrator.sample(self.scene, sampler, paths, self.camera.medium)[0])
 
 
 def _film(

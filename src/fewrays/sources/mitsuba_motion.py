@@ -78,6 +78,22 @@ class MovingShapes:
         """World positions (N, 3) whose bounding box holds all moving shapes when the shutter closes."""
         return np.concatenate([mover.end_points() for mover in self._movers])
 
+    def shift_of(self, shape: Any) -> Float64:
+        """Return by how much (3,) a shape that is no mesh is shifted over the shutter, in world space.
+
+        It is 0 for what does not move.
+
+        Raises
+        ------
+        SampleError
+            For a shape that moves in any other way.
+        """
+        number = int(registry_numbers(self._mi, self._mi.ShapePtr(shape))[0])
+        for mover in self._movers:
+            if isinstance(mover, _MovingPose) and mover.registry == number:
+                return mover.shift()
+        return np.zeros(3)
+
     def displacement(self, hit: Any, ray: Any) -> Float64:
         """Return how far the points travel that rays hit in the present pose.
 
@@ -193,7 +209,7 @@ class _MovingPose(_Mover):
     """A shape or an instance that Mitsuba places by a transform, ``to_world``."""
 
     def __init__(self, mi: ModuleType, shape: Any, parameters: Any, name: str, end: Float64) -> None:
-        self._mi, self._key = mi, f"{name}.to_world"
+        self._mi, self._name, self._key = mi, name, f"{name}.to_world"
         self.registry = int(registry_numbers(mi, mi.ShapePtr(shape))[0])
         if end.shape != (4, 4):
             raise _bad(name, f"{shape.class_name()} has no vertices: give a transform (4 x 4)")
@@ -219,6 +235,15 @@ class _MovingPose(_Mover):
 
     def end_points(self) -> Float64:
         return np.asarray(self._corners @ self._end[:3, :3].T + self._end[:3, 3])
+
+    def shift(self) -> Float64:
+        """Return by how much (3,) it is shifted; raise for other motion."""
+        if not np.allclose(self._end[:3, :3], np.eye(3), atol=1e-6):
+            raise _bad(
+                self._name,
+                "a light whose shadows are sampled can only be shifted; shift it, or leave lighting out",
+            )
+        return self._end[:3, 3]
 
     def displacement(self, hit: Any, ray: Any, found: npt.NDArray[np.intp], time: float) -> Float64:
         origin, direction = (np.asarray(v)[:, found].astype(np.float64) for v in (ray.o, ray.d))

@@ -66,7 +66,7 @@ class SurfaceRule:
         )
 
     def for_light(self) -> SurfaceRule:
-        """Return the rule for light samples: blockers are looked for farther off, and the tent is always on."""
+        """Return the rule for light samples: blockers are looked for farther off; the tent is always on."""
         return replace(self, overhang=_LIGHT_OVERHANG * self.overhang, tent=self.tent or 1.0)
 
     @classmethod

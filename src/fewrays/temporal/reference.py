@@ -59,10 +59,10 @@ def reconstruct_tiles(samples: SampleBuffer, plan: Plan, bands: Bands, execution
         How the locations were resolved.
     """
     seen = ViewedField(samples)
-    lights = None if plan.lighting is None else Lights(samples, plan.lighting, plan)
     sums = np.zeros(bands.shape)
     tally: Counter[str] = Counter()
     where = plan.locations
+    lights = None if plan.lighting is None else Lights(samples, plan.lighting, plan.rule, where.t)
     with progress_bar(where.count, "temporal", show=execution.progress, unit="view") as bar:
         for k in range(where.count):
             view = seen.view(where.uv[k], float(where.t[k]))

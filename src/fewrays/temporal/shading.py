@@ -14,22 +14,28 @@ its point is followed to each of them, so that light and point are never of diff
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from fewrays import _native
-from fewrays.errors import require_option
+from fewrays.errors import SampleError, require_option
+from fewrays.lighting import Lighting
 from fewrays.native_view import view_light_field
 from fewrays.parallel import Execution, map_ranges
 from fewrays.samples import SampleBuffer
 from fewrays.temporal.kernel import native_lights
 from fewrays.temporal.plan import SurfaceRule
+from fewrays.temporal.settle import settle
+from fewrays.temporal.shading_reference import shade_samples
 from fewrays.tiling import Tiling
 
 __all__ = ["shade"]
 
+Device = Literal["auto", "cpu", "reference"]
 Float32 = npt.NDArray[np.float32]
+Int32 = npt.NDArray[np.int32]
 
 _TILE = 32
 _WINDOWS = 8  # in a shutter: the part of it from which a moving sample's light points are taken
@@ -40,6 +46,8 @@ def shade(
     *,
     light_points: int = 128,
     radius_scale: float = 1.7,
+    correction: float = 1.2,
+    device: Device = "auto",
     threads: int | None = None,
     progress: bool = False,
 ) -> SampleBuffer:
@@ -54,6 +62,11 @@ def shade(
     radius_scale : float
         Radius within which light samples are gathered, in units of the largest hole that their pattern
         leaves.
+    correction : float
+        Scale in pixels on which light is corrected towards what the samples' own light samples brought; 0 for
+        none.
+    device : {"auto", "cpu", "reference"}
+        ``"reference"`` runs the plain NumPy definition, slowly.
     threads : int, optional
         Threads to use; all usable cores when omitted.
     progress : bool
@@ -71,26 +84,49 @@ def shade(
     """
     require_option("light_points", light_points, 1 <= light_points <= 65536, "from 1 to 65536")
     require_option("radius_scale", radius_scale, 0.25 <= radius_scale <= 8, "from 0.25 to 8")
+    settles = correction == 0 or 0.5 <= correction <= 16
+    require_option("correction", correction, settles, "0 or from 0.5 to 16 px")
+    require_option("device", device, device in get_args(Device), f"of {', '.join(get_args(Device))}")
     lighting = samples.lighting
-    require_option("lighting", lighting, lighting is not None, "samples with area lights and light samples")
-    assert lighting is not None
-    field = view_light_field(samples)
+    if lighting is None:
+        raise SampleError("these samples come without area lights: take them as they are", field="lighting")
     share = max(1, light_points // samples.spp)
     times, first_view, step = _views(samples, share)
     rule = SurfaceRule.for_samples(samples, light_points, radius_scale=radius_scale, tent_scale=1)
+    execution = Execution(device, threads, progress)
+    if device == "reference":
+        views = first_view[:, None] + step * np.arange(share)
+        color = shade_samples(samples, lighting, rule, times, views, execution)
+    else:
+        color = _shade_tiles(samples, lighting, rule, times, (first_view, share, step), execution)
+    if correction:
+        color = settle(samples, lighting, color, correction)
+    return replace(samples, color=color, lighting=None)
+
+
+def _shade_tiles(
+    samples: SampleBuffer,
+    lighting: Lighting,
+    rule: SurfaceRule,
+    times: Float32,
+    views: tuple[Int32, int, int],
+    execution: Execution,
+) -> Float32:
+    """Return what `shade_samples` does, from native code; `views` is what `_views` says, with the share."""
+    field = view_light_field(samples)
     lights = native_lights(samples, lighting, rule, len(times))
+    first_view, share, step = views
     color = np.zeros_like(samples.color)
     tiling = Tiling(height=samples.height, width=samples.width, tile=_TILE)
 
     def tiles(first: int, last: int) -> None:
         _native.shade_tiles(field, lights, _TILE, share, step, times, first_view, first, last, color)
 
-    execution = Execution(threads=threads, progress=progress)
     map_ranges(tiles, tiling.tile_count, execution, label="light", chunk=1)
-    return replace(samples, color=color, lighting=None)
+    return color
 
 
-def _views(samples: SampleBuffer, share: int) -> tuple[Float32, npt.NDArray[np.int32], int]:
+def _views(samples: SampleBuffer, share: int) -> tuple[Float32, Int32, int]:
     """Return the views' times, and the first of its `share` views for each sample, with the step to the next.
 
     The samples of a pixel are told apart by where they are, so that their order means nothing.

@@ -36,7 +36,7 @@ import numpy.typing as npt
 from fewrays.lighting import Lighting
 from fewrays.samples import SampleBuffer
 from fewrays.temporal.lamps import Lamp, facing_normals, make_lamps
-from fewrays.temporal.plan import Plan
+from fewrays.temporal.plan import SurfaceRule
 from fewrays.temporal.reprojection import Sights
 from fewrays.temporal.surfaces import Surface, any_covers, obviously_covers, surrounds
 from fewrays.temporal.view import View, ViewedField
@@ -118,32 +118,40 @@ class Lights:
     samples : SampleBuffer
     lighting : Lighting
         That of the samples.
-    plan : Plan
+    rule : SurfaceRule
+        That of the camera samples; `SurfaceRule.for_light` makes that of the light samples of it.
+    times : ndarray, (N,)
+        Of the views, in [0, 1] over the shutter. Each gets a light point of every light.
     """
 
-    def __init__(self, samples: SampleBuffer, lighting: Lighting, plan: Plan) -> None:
+    def __init__(
+        self, samples: SampleBuffer, lighting: Lighting, rule: SurfaceRule, times: npt.NDArray[np.float32]
+    ) -> None:
         self.lens = samples.lens
         self.projection = lighting.projection
-        self.plan = plan
-        self.rule = plan.rule.for_light()
+        self.rule = rule.for_light()
+        self.times = times
         self.unlit = lighting.unlit.reshape(-1, 3).astype(np.float64)
         self.normal = lighting.normal.reshape(-1, 3).astype(np.float64)
         self.facing = facing_normals(samples, lighting).astype(np.float64)
         self.lamps = make_lamps(samples, lighting)
         self.fields = [ViewedField(lamp.field) for lamp in self.lamps]
-        self.points = [lamp.points(plan.locations.count) for lamp in self.lamps]
+        self.points = [lamp.points(len(times)) for lamp in self.lamps]
         self.camera_paths = ViewedField(samples).paths
 
     def shine(self, number: int) -> None:
         """See all light samples from the light points of a view, at its time."""
-        time = float(self.plan.locations.t[number])
+        time = float(self.times[number])
         self.views = [
             field.view(points[number], time) for field, points in zip(self.fields, self.points, strict=True)
         ]
 
     def radiance(self, camera: View, surface: Surface, x: float, y: float) -> Float64:
         """Return the radiance ``(3,)`` of the surface that a location shows, lit by all lights."""
-        receiver = self.receiver(camera, surface, x, y)
+        return self.reflected_by(self.receiver(camera, surface, x, y))
+
+    def reflected_by(self, receiver: Receiver) -> Float64:
+        """Return the radiance ``(3,)`` of a point that is lit by all lights."""
         total: Float64 = receiver.share @ self.unlit[receiver.sample]
         for lamp, view in zip(self.lamps, self.views, strict=True):
             gain = self.gain(lamp, view, receiver)
@@ -177,6 +185,13 @@ class Lights:
             depth = facing @ (point - origin) / along
         depth = np.clip(depth, seen[:, 2].min(), seen[:, 2].max())
         return Receiver(origin + depth * direction, facing, sample, share)
+
+    def own_point(self, sample: int, time: float) -> Receiver:
+        """Return a camera sample's own point, as it is at a time."""
+        paths = self.camera_paths
+        x, y, depth = paths.start[sample] + time * paths.change[sample]
+        point = self.projection.points(np.array([x, y]) / depth, depth)
+        return Receiver(point, self.facing[sample], np.array([sample]), np.ones(1))
 
     def gain(self, lamp: Lamp, view: View, receiver: Receiver) -> Float64:
         """Return the radiance ``(3,)`` that a receiver would send to the camera per unit of the light's."""

@@ -233,10 +233,13 @@ def surrounds(xy: Float64, rule: SurfaceRule) -> bool:
 def any_covers(sights: Sights, rule: SurfaceRule) -> bool:
     """Tell whether one of the surfaces that samples around the origin belong to covers it.
 
-    A surface of too few samples is blended with the next behind it.
+    A surface of too few samples is blended with the next behind it. What all of them together leave open,
+    none covers, although some of them alone might reach out in another direction.
     """
+    if not surrounds(sights.xy, rule):
+        return False
     surface: list[Sights] = []
-    for group in group_into_surfaces(sights, rule) if sights.count else []:
+    for group in group_into_surfaces(sights, rule):
         surface.append(group)
         joined = Sights.join(surface)
         if joined.count < LEAST_SAMPLES:
