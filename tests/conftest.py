@@ -1,4 +1,4 @@
-"""What all tests share: the ``--slow`` option, how hard hypothesis looks, and Mitsuba where there is one."""
+"""What all tests share: which are left out, how hard hypothesis looks, and Mitsuba where there is one."""
 
 import os
 from types import ModuleType
@@ -7,6 +7,7 @@ import pytest
 from hypothesis import settings
 
 from fewrays import SampleError
+from fewrays.cuda.device import find_device
 from fewrays.sources import mitsuba as source
 
 settings.register_profile("quick", deadline=None, max_examples=40)
@@ -20,12 +21,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    if config.getoption("--slow"):
-        return
-    skip = pytest.mark.skip(reason="slow: run with --slow")
+    missing = {} if config.getoption("--slow") else {"slow": "slow: run with --slow"}
+    if any(item.get_closest_marker("gpu") for item in items) and isinstance(no_gpu := find_device(), str):
+        missing["gpu"] = no_gpu
     for item in items:
-        if item.get_closest_marker("slow"):
-            item.add_marker(skip)
+        for marker, reason in missing.items():
+            if item.get_closest_marker(marker):
+                item.add_marker(pytest.mark.skip(reason=reason))
 
 
 @pytest.fixture(scope="module")

@@ -78,7 +78,8 @@ class Preparation:
     options : type
         The dataclass of those of the method's options that preparing reads.
     prepare : callable
-        ``prepare(samples, options, execution) -> Prepared``, on the first of the method's devices.
+        ``prepare(samples, options, execution) -> Prepared``, on any of the method's devices but the
+        reference.
     load : callable
         ``load(path) -> Prepared``, from a file.
     """
@@ -103,7 +104,8 @@ class Method:
     options : type
         A frozen dataclass whose fields all have defaults; it validates itself.
     devices : tuple of str
-        The devices that it runs on, the one that ``"auto"`` means first.
+        The devices that it runs on; ``"auto"`` means ``"cuda"`` where that is one and there is a GPU, else
+        the first.
     run : callable
         ``run(samples, options, execution) -> Reconstruction``.
     preparation : Preparation, optional

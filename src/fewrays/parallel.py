@@ -28,7 +28,7 @@ class Execution:
     Parameters
     ----------
     device : str
-        ``"cpu"`` or ``"reference"``.
+        ``"cpu"``, ``"reference"`` or ``"cuda"``.
     threads : int, optional
         Threads to use; all usable cores when omitted.
     progress : bool

@@ -10,12 +10,13 @@ import numpy.typing as npt
 
 from fewrays import layered, layered_published, multiplane, temporal
 from fewrays.baselines import axis_aligned, box, sheared
+from fewrays.cuda.device import pick_device
 from fewrays.errors import SampleError
 from fewrays.method import Image, Method, Reconstruction
 from fewrays.parallel import Execution
 from fewrays.samples import SampleBuffer
 
-__all__ = ["METHODS", "find_method", "reconstruct", "run_method"]
+__all__ = ["METHODS", "fastest_device", "find_method", "reconstruct", "run_method"]
 
 METHODS: dict[str, Method] = {
     method.name: method
@@ -73,7 +74,8 @@ def reconstruct(
         The samples, with the lens to integrate over.
     method : str
         A name from `METHODS`.
-    device : {"auto", "cpu", "reference"}
+    device : {"auto", "cpu", "reference", "cuda"}
+        ``"cuda"`` is an NVIDIA GPU, which ``"auto"`` means where there is one and the method runs on it;
         ``"reference"`` runs the method's plain NumPy definition, slowly.
     threads : int, optional
         Threads to use; all usable cores when omitted. The result does not depend on it.
@@ -94,7 +96,7 @@ def reconstruct(
     Raises
     ------
     SampleError
-        For an unknown method, device or option, and for options out of range.
+        For an unknown method, device or option, options out of range, and ``device="cuda"`` without a GPU.
     """
     chosen = find_method(method)
     known = [field.name for field in dataclasses.fields(chosen.options)]
@@ -119,14 +121,18 @@ def find_method(name: str) -> Method:
         ) from None
 
 
+def fastest_device(method: Method, asked: str) -> str:
+    """Return the device that is asked for, of those that a method runs on, and what ``"auto"`` means."""
+    if asked not in ("auto", *method.devices):
+        raise SampleError(
+            f"method {method.name!r} runs on {', '.join(method.devices)}; got {asked!r}", field="device"
+        )
+    return pick_device(method.devices, asked)
+
+
 def run_method(samples: SampleBuffer, method: Method, options: Any, execution: Execution) -> Reconstruction:
     """Run a method with its options object; ``device="auto"`` becomes the method's fastest device."""
-    device = method.devices[0] if execution.device == "auto" else execution.device
-    if device not in method.devices:
-        raise SampleError(
-            f"method {method.name!r} runs on {', '.join(method.devices)}; got {execution.device!r}",
-            field="device",
-        )
+    device = fastest_device(method, execution.device)
     if not isinstance(samples, SampleBuffer):
         raise SampleError(f"expected a fewrays.SampleBuffer, got {type(samples).__name__}", field="samples")
     result = method.run(samples, options, dataclasses.replace(execution, device=device))
