@@ -57,7 +57,7 @@ Taps taps_of(const DepthPlane& plane, float x, float y) {
 
 // Lays up to 16 pixels of a block behind what a view has seen so far.
 FEWRAYS_INLINE void lay_behind(const Half* FEWRAYS_RESTRICT block, const Taps& taps, std::ptrdiff_t channel,
-                               const float* FEWRAYS_RESTRICT mask, float* FEWRAYS_RESTRICT transmittance,
+                               float scale, const float* FEWRAYS_RESTRICT mask, float* FEWRAYS_RESTRICT transmittance,
                                float* FEWRAYS_RESTRICT red, float* FEWRAYS_RESTRICT green,
                                float* FEWRAYS_RESTRICT blue) {
     const Half* FEWRAYS_RESTRICT p0 = block + taps.at[0];
@@ -69,11 +69,11 @@ FEWRAYS_INLINE void lay_behind(const Half* FEWRAYS_RESTRICT block, const Taps& t
         return w0 * half_bits(p0[i]) + w1 * half_bits(p1[i]) + w2 * half_bits(p2[i]) + w3 * half_bits(p3[i]);
     };
     for (std::ptrdiff_t i = 0; i < lanes; ++i) {
-        const float before = transmittance[i], through = before * mask[i];
+        const float before = transmittance[i], through = before * mask[i], share = scale * through;
         transmittance[i] = before - through * read(i);
-        red[i] += through * read(i + channel);
-        green[i] += through * read(i + 2 * channel);
-        blue[i] += through * read(i + 3 * channel);
+        red[i] += share * read(i + channel);
+        green[i] += share * read(i + 2 * channel);
+        blue[i] += share * read(i + 3 * channel);
     }
 }
 
@@ -106,8 +106,8 @@ void lay_plane(const DepthPlane& plane, const std::int32_t* slots, const Half* h
                     if (most < opaque) continue;
                     const Half* place = block + std::ptrdiff_t{top + j - row * block_rows} * map_row +
                                         (left + i - column * block_columns);
-                    lay_behind(place, taps, channel, mask, transmittance, sheet.color[0] + at, sheet.color[1] + at,
-                               sheet.color[2] + at);
+                    lay_behind(place, taps, channel, plane.scale, mask, transmittance, sheet.color[0] + at,
+                               sheet.color[1] + at, sheet.color[2] + at);
                 }
             }
         }
@@ -197,7 +197,7 @@ void weigh(const float* view, int row, int column, const ViewSet& views, const s
             weights[static_cast<std::size_t>(i)] *= passing_rim(view, row, column, i, views);
 }
 
-void render_tile(const PlaneSet& set, const Half* halves, const ViewSet& views, const std::vector<int>& near, int row,
+void render_tile(const PlaneSet& set, const Blocks& blocks, const ViewSet& views, const std::vector<int>& near, int row,
                  int column, const RenderTarget& target) {
     std::vector<float> sums(4 * tile_pixels, 0.0f), weights(tile_pixels);
     const std::vector<float> passing = light_of_tile(views, row, column);
@@ -211,6 +211,7 @@ void render_tile(const PlaneSet& set, const Half* halves, const ViewSet& views, 
             const float shrink = views.shrink[k], since = view[2] - 0.5f;
             const float x = shrink * (view[3] - plane.slope * view[0]) - plane.motion_x * since;
             const float y = shrink * (view[4] - plane.slope * view[1]) - plane.motion_y * since;
+            const Half* halves = blocks.is_smoothed[k] ? blocks.smoothed : blocks.built;
             lay_plane(plane, set.slots, halves, taps_of(plane, x, y), row, column, *sheet);
         }
         weigh(view, row, column, views, passing, weights);
@@ -224,20 +225,20 @@ void render_tile(const PlaneSet& set, const Half* halves, const ViewSet& views, 
             const float light = views.darken || passing[at] > 0.0f ? passing[at] : 1.0f;
             const float lit = views.darken ? light : 1.0f;
             for (std::size_t c = 0; c < 3; ++c)
-                pixel[c] = seen != 0.0f ? target.scale * lit * sums[c * tile_pixels + at] / seen : 0.0f;
+                pixel[c] = seen != 0.0f ? lit * sums[c * tile_pixels + at] / seen : 0.0f;
             pixel[3] = light != 0.0f ? seen / light : 0.0f;
         }
 }
 
 }  // namespace
 
-void multiplane_render(const PlaneSet& set, const Half* halves, const ViewSet& views, int first, int last,
+void multiplane_render(const PlaneSet& set, const Blocks& blocks, const ViewSet& views, int first, int last,
                        const RenderTarget& target) {
     const std::vector<float> reach = reach_of_views(set, views);
     const int columns = (target.width + tile_columns - 1) / tile_columns;
     for (int tile = first; tile < last; ++tile) {
         const int row = tile / columns * tile_rows, column = tile % columns * tile_columns;
-        render_tile(set, halves, views, planes_near(set, reach, row, column), row, column, target);
+        render_tile(set, blocks, views, planes_near(set, reach, row, column), row, column, target);
     }
 }
 

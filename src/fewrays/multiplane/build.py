@@ -12,7 +12,6 @@ as `prior` rays. So cells average over as many neighbours as the sampling densit
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,6 +32,7 @@ _MARGIN = 4  # pixels beyond what the lens shifts
 _RUN = 128  # samples that are looked at together
 _ROWS = 384  # cells of a plane's height that are built at once: two of native code's regions
 _LARGEST = 2.0**15  # stored radiance
+_LEAST_EXPONENT = -100  # of a plane's scale: single precision holds its inverse as well
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,8 +49,6 @@ class BuildOptions:
     """Blur radius in pixels up to which planes have two cells, to a third of it `cells`; others have one."""
     prior: float = 0.2
     """Rays that the estimate of a cell's neighbourhood counts as."""
-    smoothing: float = 0.05
-    """Gaussian that widely blurred planes are smoothed with, in units of their blur radius; 0 for none."""
     motion_cell: float = 1.5
     """Motion that one plane stands for, in pixels over the shutter interval along each axis."""
 
@@ -60,7 +58,6 @@ class BuildOptions:
         require_option("cells", self.cells, self.cells in (1, 2, 3), "of 1, 2 or 3")
         require_option("fine_to", self.fine_to, self.fine_to >= 0, "of at least 0 px")
         require_option("prior", self.prior, 0.01 <= self.prior <= 100, "from 0.01 to 100")
-        require_option("smoothing", self.smoothing, 0 <= self.smoothing <= 0.2, "from 0 to 0.2")
         require_option("motion_cell", self.motion_cell, 0.25 <= self.motion_cell <= 64, "from 0.25 to 64 px")
 
     def slab_rule(self, samples: SampleBuffer) -> SlabRule:
@@ -74,13 +71,15 @@ def build_maps(samples: SampleBuffer, options: BuildOptions, execution: Executio
     rule = options.slab_rule(samples)
     assignment = assign_planes(samples, rule)
     shear, grid = lay_out(assignment, samples, options)
-    field, planes = view_light_field(samples), native_planes(shear, grid, rule.most_blur)
+    field, no_scale = view_light_field(samples), np.ones(len(shear.slope))
     marks = np.zeros(grid.slot_count, np.uint8)
-    reach = np.zeros(len(shear.slope), np.float32)
-    _native.multiplane_mark(field, assignment.plane_of, planes, marks, reach)
+    reach, brightest = np.zeros((2, len(shear.slope)), np.float32)
+    unscaled = native_planes(shear, grid, no_scale, rule.most_blur)
+    _native.multiplane_mark(field, assignment.plane_of, unscaled, marks, reach, brightest)
+    scale = _radiance_scale(brightest)
+    planes = native_planes(shear, grid, scale, rule.most_blur)
     slots, units = number_blocks(marks.view(np.bool_), grid)
     halves = np.zeros(units * _native.UNIT_HALVES + 2 * _native.HALF_PADDING, np.uint16)
-    scale = _radiance_scale(samples.color)
     runs = _native.SampleRuns(-(-samples.depth.size // _RUN))
     map_ranges(
         lambda first, last: _native.multiplane_runs(field, assignment.plane_of, _RUN, first, last, runs),
@@ -100,7 +99,6 @@ def build_maps(samples: SampleBuffer, options: BuildOptions, execution: Executio
             _RUN,
             reach,
             options.prior,
-            1 / scale,
             parts,
             first,
             last,
@@ -114,7 +112,6 @@ def build_maps(samples: SampleBuffer, options: BuildOptions, execution: Executio
 def lay_out(assignment: Assignment, samples: SampleBuffer, options: BuildOptions) -> tuple[Shear, Grid]:
     """Choose each plane's resolution and extent."""
     size = np.abs(assignment.slope)
-    smoothing = np.where(options.smoothing * size > 0.3, options.smoothing * size, 0.0)
     cells = np.where(size <= options.fine_to, min(options.cells, 2), 1).astype(np.int32)
     cells[size <= options.fine_to / 3] = options.cells
     shift = size[:, None] + 0.5 * np.abs(assignment.motion)
@@ -123,7 +120,7 @@ def lay_out(assignment: Assignment, samples: SampleBuffer, options: BuildOptions
     corner = -(np.ceil(margin / block).astype(np.int64) * block)
     end = np.array([samples.width, samples.height]) + margin
     shape = np.ceil((end - corner) / block).astype(np.int32)
-    return Shear(assignment.slope, assignment.motion, smoothing), Grid(cells, corner.astype(np.int32), shape)
+    return Shear(assignment.slope, assignment.motion), Grid(cells, corner.astype(np.int32), shape)
 
 
 def _parts(grid: Grid, marks: npt.NDArray[np.uint8]) -> npt.NDArray[np.int32]:
@@ -142,7 +139,8 @@ def _parts(grid: Grid, marks: npt.NDArray[np.uint8]) -> npt.NDArray[np.int32]:
     return np.array(parts, np.int32).reshape(-1, 3)
 
 
-def _radiance_scale(color: npt.NDArray[np.float32]) -> float:
-    """Power of two by which stored radiance is multiplied to become radiance."""
-    largest = max(float(color.max()), -float(color.min()))
-    return 2.0 ** math.ceil(math.log2(largest / _LARGEST)) if largest > 0 else 1.0
+def _radiance_scale(brightest: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
+    """Return the powers of two (K,) that stored radiance is multiplied with, for the largest of each plane."""
+    exponent = np.frexp(brightest.astype(np.float64) / _LARGEST)[1]
+    scale: npt.NDArray[np.float64] = np.ldexp(1.0, np.maximum(exponent, _LEAST_EXPONENT))
+    return scale

@@ -6,23 +6,26 @@ any of its approximations), until nothing shines through. What is missing behind
 was seen.
 
 Maps are blurred themselves: by sharing rays out among cells, by interpolating between cells, and on purpose
-(`BuildOptions.smoothing`). Their variance is taken off that of the pixel filter and the lens: a plane is
+(`smoothing`). Their variance is taken off that of the pixel filter and the lens: a plane is
 looked at from lens points, and places within the pixel, that are closer together.
 """
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from tqdm import tqdm
 
 from fewrays import _native
 from fewrays.aperture_options import ApertureOptions
 from fewrays.errors import require_option
 from fewrays.lens import Lens
-from fewrays.multiplane.maps import Maps, Shear
-from fewrays.parallel import Execution, map_ranges
+from fewrays.multiplane.maps import Maps
+from fewrays.multiplane.smoothing import Band, farthest_shift, smoothed_bands, smoothing_of
+from fewrays.parallel import Execution, map_ranges, progress_bar
 from fewrays.pixel_filter import PixelFilter, PixelFilterShape
 from fewrays.temporal.locations import Locations, make_locations
 from fewrays.temporal.shutter import Shutter, ShutterResponse
@@ -39,6 +42,9 @@ class RenderOptions(ApertureOptions):
 
     views: int = 128
     """Lens points, times and places that every pixel is the mean of: 64 for a draft, 256 for the last bit."""
+    smoothing: float = 0.32
+    """Gaussian that widely blurred planes are smoothed with, in units of the distance that blur puts between
+    neighbouring lens points; 0 for none."""
     pixel_filter: PixelFilterShape = "box"
     """Pixel filter."""
     sigma_pix: float = 0.5
@@ -56,6 +62,7 @@ class RenderOptions(ApertureOptions):
         super().__post_init__()
         whole = isinstance(self.views, int) and 1 <= self.views <= 65536
         require_option("views", self.views, whole, "that is a whole number from 1 to 65536")
+        require_option("smoothing", self.smoothing, 0 <= self.smoothing <= 2, "from 0 to 2")
         self.vignetting()
         self.filter_of_pixels()
         self.open_shutter()
@@ -92,42 +99,55 @@ def render_maps(
     seen = maps.through(lens or maps.lens)
     where = options.locations(seen.lens)
     rim = options.vignetting().front_rim(where.uv, maps.height, maps.width)
+    sigma = smoothing_of(seen.shear.slope, where, options.smoothing)
+    shrink = shrink_of(seen.shear.slope, seen.grid.cells, sigma, where).astype(np.float32)
+    views = np.column_stack([where.uv, where.t, where.offset, where.weight]).astype(np.float32)
     image = np.zeros((maps.height, maps.width, 4), np.float32)
     native = seen.native()
-    views = np.column_stack([where.uv, where.t, where.offset, where.weight]).astype(np.float32)
-    shrink = shrink_of(seen.shear, seen.grid.cells, where).astype(np.float32)
+    columns = -(-maps.width // _native.TILE_COLUMNS)
 
-    def work(first: int, last: int) -> None:
-        _native.multiplane_render(
-            native,
-            seen.slots,
-            seen.halves,
-            seen.scale,
-            views=views,
-            shrink=shrink,
-            rim=_native.FrontRim(**asdict(rim)),
-            vignetted=options.cats_eye > 0,
-            darken=options.darken,
-            first=first,
-            last=last,
-            image=image,
-        )
+    def render_band(band: Band, bar: tqdm[Any]) -> None:
+        def work(first: int, last: int) -> None:
+            _native.multiplane_render(
+                native,
+                band.slots,
+                seen.halves,
+                band.halves,
+                band.is_smoothed,
+                views=views,
+                shrink=shrink,
+                rim=_native.FrontRim(**asdict(rim)),
+                vignetted=options.cats_eye > 0,
+                darken=options.darken,
+                first=band.first * columns + first,
+                last=band.first * columns + last,
+                image=image,
+            )
 
-    tiles = -(-maps.height // _native.TILE_ROWS) * -(-maps.width // _native.TILE_COLUMNS)
-    map_ranges(work, tiles, execution, label="multiplane: render", chunk=4)
+        map_ranges(work, (band.end - band.first) * columns, execution, bar=bar, chunk=4)
+
+    rows = -(-maps.height // _native.TILE_ROWS)
+    with progress_bar(rows * columns, "multiplane: render", show=execution.progress, unit="tile") as bar:
+        for band in smoothed_bands(seen, sigma, farthest_shift(seen.shear, shrink, where), execution):
+            render_band(band, bar)
     return image
 
 
-def shrink_of(shear: Shear, cells: npt.NDArray[np.int32], where: Locations) -> npt.NDArray[np.float64]:
+def shrink_of(
+    slope: npt.NDArray[np.float64],
+    cells: npt.NDArray[np.int32],
+    sigma: npt.NDArray[np.float64],
+    where: Locations,
+) -> npt.NDArray[np.float64]:
     """Return by how much each plane's views draw together to make up for the blur of its map, (K,).
 
     Sharing a ray out among cells convolves with a triangle two cells wide, of the variance 1/6 along each
-    axis; so does interpolation.
+    axis; so does interpolation. `sigma` is that of `smoothing_of`.
     """
     weight = where.weight[:, None].astype(np.float64)
     of_pixel = float((np.square(where.offset, dtype=np.float64) * weight).sum() / 2)
     of_lens = float((np.square(where.uv, dtype=np.float64) * weight).sum() / 2)
-    wanted = of_pixel + np.square(shear.slope) * of_lens
-    own = 1 / (3 * np.square(cells, dtype=np.float64)) + np.square(shear.smoothing)
+    wanted = of_pixel + np.square(slope) * of_lens
+    own = 1 / (3 * np.square(cells, dtype=np.float64)) + np.square(sigma)
     left: npt.NDArray[np.float64] = np.sqrt(np.maximum(1 - own / np.maximum(wanted, 1e-12), _LEAST_SHARE))
     return left
