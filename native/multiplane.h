@@ -8,24 +8,10 @@
 
 #include "half.h"
 #include "math/cats_eye.h"
+#include "math/depth_plane.h"
 #include "sample_tree.h"
 
 namespace fewrays {
-
-constexpr int block_columns = 32, block_rows = 8;  // a block's size in pixels
-
-struct DepthPlane {
-    float slope, motion_x, motion_y;  // pixels per lens unit; pixels per shutter interval
-    float scale;                      // of radiance: what stored numbers have to be multiplied with
-    std::int32_t cells;               // per pixel and axis, 1 to 3
-    std::int32_t left, top;           // of the first block, in pixels
-    std::int32_t columns, rows;       // of blocks
-    std::int32_t first_slot;          // of the blocks, row by row
-};
-
-// Halves that a block of a plane takes, in units of those of one cell per pixel: (cells, cells) interleaved maps, each
-// of four channels of block_rows + 1 by block_columns + 1 values. The last row and column repeat the neighbours'.
-constexpr std::int64_t unit_halves = std::int64_t{4} * (block_rows + 1) * (block_columns + 1);
 
 // Halves before the first block and after the last: pixels are read sixteen at a time, some of them outside the block.
 constexpr std::int64_t half_padding = 64;

@@ -4,6 +4,7 @@
 #include <memory>
 #include <vector>
 
+#include "math/plane_place.h"
 #include "multiplane.h"
 #include "multiplane_blocks.h"
 #include "simd.h"
@@ -15,18 +16,11 @@ constexpr int halo = 32;   // cells around a region that its estimate draws on
 constexpr int levels = 5;  // of neighbourhoods, each of four times the cells; the widest is as wide as the halo
 constexpr int channels = block_channels;  // weight of hits, and their radiance
 
-struct Place {
-    float x, y;
-};
-
 // Where the lens centre sees a sample's surface at half time.
 Place seen_from_center(const LightField& field, std::int32_t i, float most_blur) {
-    const Path path = field.path(i);
-    const float own = slope(field.depth[i], field.c0, field.c1), beyond = own - std::clamp(own, -most_blur, most_blur);
-    const float right = beyond * field.uv[2 * i], down = beyond * field.uv[2 * i + 1];
-    if (!field.motion || depth_at(path, 0.5f) < nearest_depth) return {path.x + right, path.y + down};
-    const Sight sight = sight_of(path, 0.0f, 0.0f, 0.5f, field.far_slope());
-    return {sight.x + right, sight.y + down};
+    const float own = slope(field.depth[i], field.c0, field.c1);
+    return place_on_plane(field.path(i), own, field.uv[2 * i], field.uv[2 * i + 1], most_blur, field.motion != nullptr,
+                          field.far_slope());
 }
 
 int whole(float x) { return floor_to_int(x); }
