@@ -12,6 +12,9 @@ namespace fewrays {
 inline void atomic_least(std::uint64_t* number, std::uint64_t value) { atomicMin(number, value); }
 inline void atomic_increase(std::uint64_t* number, std::uint64_t value) { atomicAdd(number, value); }
 inline void atomic_increase(std::uint32_t* number, std::uint32_t value) { atomicAdd(number, value); }
+inline void atomic_most(std::uint32_t* number, std::uint32_t value) { atomicMax(number, value); }
+inline void atomic_set(std::uint32_t* number, std::uint32_t bits) { atomicOr(number, bits); }
+// Returns a place in a list, of which only what all of them hold together is the same in any order.
 inline std::uint32_t atomic_take(std::uint32_t* number) { return atomicAdd(number, 1u); }
 
 #else
@@ -19,6 +22,8 @@ inline std::uint32_t atomic_take(std::uint32_t* number) { return atomicAdd(numbe
 inline void atomic_least(std::uint64_t* number, std::uint64_t value) { *number = std::min(*number, value); }
 inline void atomic_increase(std::uint64_t* number, std::uint64_t value) { *number += value; }
 inline void atomic_increase(std::uint32_t* number, std::uint32_t value) { *number += value; }
+inline void atomic_most(std::uint32_t* number, std::uint32_t value) { *number = std::max(*number, value); }
+inline void atomic_set(std::uint32_t* number, std::uint32_t bits) { *number |= bits; }
 inline std::uint32_t atomic_take(std::uint32_t* number) { return (*number)++; }
 
 #endif
