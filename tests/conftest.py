@@ -7,8 +7,9 @@ import pytest
 from hypothesis import settings
 
 from fewrays import SampleError
-from fewrays.cuda.device import find_device
+from fewrays.cuda.device import Device, find_device
 from fewrays.sources import mitsuba as source
+from phases import PhasesMachine
 
 settings.register_profile("quick", deadline=None, max_examples=40)
 settings.register_profile("ci", settings.get_profile("quick"), derandomize=True)
@@ -39,3 +40,14 @@ def mi() -> ModuleType:
     except SampleError as error:
         pytest.skip(f"Mitsuba cannot run here: {error}")
     return module
+
+
+@pytest.fixture
+def phases(monkeypatch: pytest.MonkeyPatch) -> PhasesMachine:
+    """A machine that stands for a GPU, and that the package finds when it looks for one."""
+    machine = PhasesMachine()
+    card = Device("phases on the processor", (9, 0), 1 << 30, 1, 48 << 10, machine.cache_bytes)
+    monkeypatch.setattr("fewrays.cuda.device.find_device", lambda: card)
+    for module in ("fewrays.cuda.samples", "fewrays.dynamic.cuda", "fewrays.multiplane.engine"):
+        monkeypatch.setattr(f"{module}.require_machine", lambda: machine)
+    return machine

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import re
 import subprocess
 from pathlib import Path
 
@@ -13,10 +14,11 @@ from fewrays import Lens, SampleError, defocus
 from fewrays.cuda import device, nvrtc, source
 from fewrays.cuda.kernel import Kernel
 from fewrays.dynamic import cuda as dynamic_cuda
+from fewrays.multiplane.cuda import build as multiplane_build
 from fewrays.multiplane.cuda import render as multiplane_render
 from phases import compile_phases
 
-KERNELS = (*dynamic_cuda.KERNELS, *multiplane_render.KERNELS)
+KERNELS = (*dynamic_cuda.KERNELS, *multiplane_build.KERNELS, *multiplane_render.KERNELS)
 
 HAS_GPU = not isinstance(device.find_device(), str)
 
@@ -35,7 +37,7 @@ def test_every_kernel_is_described() -> None:
     described = {kernel.name for kernel in KERNELS}
     for program in source.PROGRAMS:
         text = (source.kernel_folder() / f"{program}.cu").read_text(encoding="utf-8")
-        written = {line.split("(")[1].split(",")[0] for line in text.splitlines() if line[:8] == "FEWRAYS_"}
+        written = set(re.findall(r"^FEWRAYS_KERNEL\((\w+),", text, re.MULTILINE))
         assert written == {kernel.name for kernel in KERNELS if kernel.program == program}
         assert written <= described
 

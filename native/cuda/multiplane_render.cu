@@ -13,6 +13,7 @@
 #include "atomics.h"
 #include "block.h"
 #include "halves.h"
+#include "plane_blocks.h"
 
 namespace fewrays {
 
@@ -233,22 +234,6 @@ struct SmoothShared {
     Half cells_around[(rows + 2 * most_reach) * stride];
 };
 
-// The plane that a place for a block belongs to.
-inline int plane_of_place(const DepthPlane* planes, int count, std::int32_t place) {
-    int first = 0, end = count;
-    while (end - first > 1) {
-        const int middle = (first + end) / 2;
-        (planes[middle].first_slot <= place ? first : end) = middle;
-    }
-    return first;
-}
-
-// Where a cell of a block is, in places from the block's first; cells are numbered from the block's corner.
-template <int cells>
-inline int place_of_cell(int row, int column) {
-    return (row % cells * cells + column % cells) * map_size + row / cells * map_row + column / cells;
-}
-
 // One channel of a plane's cell, as bits; 0 where there is no block.
 template <int cells>
 inline Half cell_of(const SmoothArguments& a, const DepthPlane& plane, int row, int column, int channel) {
@@ -256,7 +241,7 @@ inline Half cell_of(const SmoothArguments& a, const DepthPlane& plane, int row, 
     if (row < 0 || row >= plane.rows * height || column < 0 || column >= plane.columns * width) return 0;
     const std::int32_t slot = a.slots[plane.first_slot + row / height * plane.columns + column / width];
     if (slot < 0) return 0;
-    return a.built[static_cast<std::int64_t>(slot) * map_size + place_of_cell<cells>(row % height, column % width)]
+    return a.built[static_cast<std::int64_t>(slot) * map_size + place_of_cell(cells, row % height, column % width)]
         .channels[channel];
 }
 
@@ -266,7 +251,7 @@ inline void smooth_block(const SmoothArguments& a, const Block& block, SmoothSha
     const std::int32_t place = a.blocks[a.first_block + block.x()];
     block.each([&](int thread) {
         if (thread > 0) return;
-        shared.plane = plane_of_place(a.planes, a.count, place);
+        shared.plane = plane_of_block(a.planes, a.count, place);
         const float sigma = a.sigma[shared.plane] * static_cast<float>(cells);
         shared.reach = std::min(static_cast<int>(std::ceil(3.0f * sigma)), most_reach);
         float total = 0.0f;
@@ -303,7 +288,7 @@ inline void smooth_block(const SmoothArguments& a, const Block& block, SmoothSha
                 const float* const middle = shared.down + row * Shared::stride + column + reach;
                 float sum = shared.taps[0] * middle[0];
                 for (int k = 1; k <= reach; ++k) sum += shared.taps[k] * (middle[-k] + middle[k]);
-                to[place_of_cell<cells>(row, column)].channels[channel] = to_half(sum);
+                to[place_of_cell(cells, row, column)].channels[channel] = to_half(sum);
             }
         });
     }

@@ -17,7 +17,6 @@ import numpy.typing as npt
 
 from fewrays.lens import Lens
 from fewrays.parallel import Execution
-from fewrays.samples import SampleBuffer
 
 __all__ = ["Image", "Method", "Preparation", "Prepared", "Reconstruction"]
 
@@ -87,7 +86,7 @@ class Preparation:
     content: str
     extension: str
     options: type[Any]
-    prepare: Callable[[SampleBuffer, Any, Execution], Prepared]
+    prepare: Callable[[Any, Any, Execution], Prepared]
     load: Callable[[Path], Prepared]
 
 
@@ -107,7 +106,8 @@ class Method:
         The devices that it runs on; ``"auto"`` means ``"cuda"`` where that is one and there is a GPU, else
         the first.
     run : callable
-        ``run(samples, options, execution) -> Reconstruction``.
+        ``run(samples, options, execution) -> Reconstruction``; samples are a `SampleBuffer`, or for
+        ``"cuda"`` those or `fewrays.cuda.samples.DeviceSamples`.
     preparation : Preparation, optional
         For methods whose work is mostly done before the lens matters.
     """
@@ -116,5 +116,5 @@ class Method:
     summary: str
     options: type[Any]
     devices: tuple[str, ...]
-    run: Callable[[SampleBuffer, Any, Execution], Reconstruction]
+    run: Callable[[Any, Any, Execution], Reconstruction]
     preparation: Preparation | None = None

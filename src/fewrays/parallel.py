@@ -11,10 +11,12 @@ import sys
 from collections.abc import Callable
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from dataclasses import dataclass
+from typing import Any
 
 from tqdm import tqdm
 
-from fewrays.errors import SampleError
+from fewrays.cuda.machine import Machine
+from fewrays.errors import SampleError, require_option
 
 __all__ = ["Execution", "map_ranges", "progress_bar", "usable_cores"]
 
@@ -35,16 +37,25 @@ class Execution:
         Show a progress bar on stderr for work that takes over two seconds.
     aovs : bool
         Produce the method's further outputs as well.
+    output : {"host", "device"}
+        Where images that a GPU makes are returned: copied to the host, or in its own memory. Images that
+        the processor makes are on the host.
     """
 
     device: str = "cpu"
     threads: int | None = None
     progress: bool = False
     aovs: bool = False
+    output: str = "host"
 
     def __post_init__(self) -> None:
         if self.threads is not None and self.threads < 1:
             raise SampleError(f"expected at least 1, got {self.threads}", field="threads")
+        require_option("output", self.output, self.output in ("host", "device"), "out of host, device")
+
+    def deliver(self, machine: Machine, image: Any) -> Any:
+        """Return a GPU's image where it is wanted."""
+        return machine.on_host(image) if self.output == "host" else image
 
 
 def usable_cores() -> int:

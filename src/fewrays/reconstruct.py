@@ -11,6 +11,7 @@ import numpy.typing as npt
 from fewrays import layered, layered_published, multiplane, temporal
 from fewrays.baselines import axis_aligned, box, sheared
 from fewrays.cuda.device import pick_device
+from fewrays.cuda.samples import DeviceSamples
 from fewrays.errors import SampleError
 from fewrays.method import Image, Method, Reconstruction
 from fewrays.parallel import Execution
@@ -36,42 +37,45 @@ METHODS: dict[str, Method] = {
 
 @overload
 def reconstruct(
-    samples: SampleBuffer,
+    samples: SampleBuffer | DeviceSamples,
     method: str = ...,
     *,
     device: str = ...,
     threads: int | None = ...,
     progress: bool = ...,
     aovs: Literal[False] = ...,
+    output: str = ...,
     **options: Any,
 ) -> Image: ...
 @overload
 def reconstruct(
-    samples: SampleBuffer,
+    samples: SampleBuffer | DeviceSamples,
     method: str = ...,
     *,
     device: str = ...,
     threads: int | None = ...,
     progress: bool = ...,
     aovs: Literal[True],
+    output: str = ...,
     **options: Any,
 ) -> tuple[Image, dict[str, npt.NDArray[Any]]]: ...
 def reconstruct(
-    samples: SampleBuffer,
+    samples: SampleBuffer | DeviceSamples,
     method: str = "multiplane",
     *,
     device: str = "auto",
     threads: int | None = None,
     progress: bool = False,
     aovs: bool = False,
+    output: str = "host",
     **options: Any,
 ) -> Image | tuple[Image, dict[str, npt.NDArray[Any]]]:
     """Reconstruct the image that hundreds of samples per pixel would have given.
 
     Parameters
     ----------
-    samples : SampleBuffer
-        The samples, with the lens to integrate over.
+    samples : SampleBuffer or fewrays.cuda.DeviceSamples
+        The samples, with the lens to integrate over; on the host, or in a GPU's memory for ``"cuda"``.
     method : str
         A name from `METHODS`.
     device : {"auto", "cpu", "reference", "cuda"}
@@ -83,6 +87,8 @@ def reconstruct(
         Show a progress bar on stderr for work over two seconds.
     aovs : bool
         Return the method's further outputs as well.
+    output : {"host", "device"}
+        Where an image that a GPU makes is returned: copied to the host, or as a CuPy array, without waiting.
     **options
         Fields of the method's options, such as ``tile=32`` for ``"layered"``; see its options class.
 
@@ -106,7 +112,7 @@ def reconstruct(
                 f"method {chosen.name!r} has no such option; it takes {', '.join(known) or 'none'}",
                 field=name,
             )
-    execution = Execution(device=device, threads=threads, progress=progress, aovs=aovs)
+    execution = Execution(device=device, threads=threads, progress=progress, aovs=aovs, output=output)
     result = run_method(samples, chosen, chosen.options(**options), execution)
     return (result.image, result.aovs) if aovs else result.image
 
@@ -130,10 +136,18 @@ def fastest_device(method: Method, asked: str) -> str:
     return pick_device(method.devices, asked)
 
 
-def run_method(samples: SampleBuffer, method: Method, options: Any, execution: Execution) -> Reconstruction:
+def run_method(
+    samples: SampleBuffer | DeviceSamples, method: Method, options: Any, execution: Execution
+) -> Reconstruction:
     """Run a method with its options object; ``device="auto"`` becomes the method's fastest device."""
     device = fastest_device(method, execution.device)
-    if not isinstance(samples, SampleBuffer):
+    if isinstance(samples, DeviceSamples) and device != "cuda":
+        raise SampleError(
+            f"are on a GPU, and method {method.name!r} on {device!r}: use device='cuda' with a method that "
+            "knows it, or copy them with to_buffer()",
+            field="samples",
+        )
+    if not isinstance(samples, (SampleBuffer, DeviceSamples)):
         raise SampleError(f"expected a fewrays.SampleBuffer, got {type(samples).__name__}", field="samples")
     result = method.run(samples, options, dataclasses.replace(execution, device=device))
     assert result.image.dtype == np.float32

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fewrays import _native
+from fewrays.cuda.samples import DeviceSamples
 from fewrays.errors import require_option
 from fewrays.multiplane.maps import BLOCK, Grid, Maps, Shear, native_planes, number_blocks
 from fewrays.multiplane.slabs import Assignment, SlabRule, assign_planes
@@ -25,7 +26,7 @@ from fewrays.native_view import view_light_field
 from fewrays.parallel import Execution, map_ranges
 from fewrays.samples import SampleBuffer
 
-__all__ = ["BuildOptions", "build_maps", "lay_out"]
+__all__ = ["BuildOptions", "build_maps", "lay_out", "radiance_scale"]
 
 _MOST_BLUR = 2.0  # widths or heights of the image
 _MARGIN = 4  # pixels beyond what the lens shifts
@@ -60,7 +61,7 @@ class BuildOptions:
         require_option("prior", self.prior, 0.01 <= self.prior <= 100, "from 0.01 to 100")
         require_option("motion_cell", self.motion_cell, 0.25 <= self.motion_cell <= 64, "from 0.25 to 64 px")
 
-    def slab_rule(self, samples: SampleBuffer) -> SlabRule:
+    def slab_rule(self, samples: SampleBuffer | DeviceSamples) -> SlabRule:
         """Return how samples are sorted."""
         most_blur = _MOST_BLUR * max(samples.height, samples.width)
         return SlabRule(self.thickness, self.linear_to, self.motion_cell, most_blur)
@@ -76,7 +77,7 @@ def build_maps(samples: SampleBuffer, options: BuildOptions, execution: Executio
     reach, brightest = np.zeros((2, len(shear.slope)), np.float32)
     unscaled = native_planes(shear, grid, no_scale, rule.most_blur)
     _native.multiplane_mark(field, assignment.plane_of, unscaled, marks, reach, brightest)
-    scale = _radiance_scale(brightest)
+    scale = radiance_scale(brightest)
     planes = native_planes(shear, grid, scale, rule.most_blur)
     slots, units = number_blocks(marks.view(np.bool_), grid)
     halves = np.zeros(units * _native.UNIT_HALVES + 2 * _native.HALF_PADDING, np.uint16)
@@ -109,7 +110,9 @@ def build_maps(samples: SampleBuffer, options: BuildOptions, execution: Executio
     return Maps(samples.height, samples.width, samples.lens, shear, grid, slots, halves, scale)
 
 
-def lay_out(assignment: Assignment, samples: SampleBuffer, options: BuildOptions) -> tuple[Shear, Grid]:
+def lay_out(
+    assignment: Assignment, samples: SampleBuffer | DeviceSamples, options: BuildOptions
+) -> tuple[Shear, Grid]:
     """Choose each plane's resolution and extent."""
     size = np.abs(assignment.slope)
     cells = np.where(size <= options.fine_to, min(options.cells, 2), 1).astype(np.int32)
@@ -139,7 +142,7 @@ def _parts(grid: Grid, marks: npt.NDArray[np.uint8]) -> npt.NDArray[np.int32]:
     return np.array(parts, np.int32).reshape(-1, 3)
 
 
-def _radiance_scale(brightest: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
+def radiance_scale(brightest: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
     """Return the powers of two (K,) that stored radiance is multiplied with, for the largest of each plane."""
     exponent = np.frexp(brightest.astype(np.float64) / _LARGEST)[1]
     scale: npt.NDArray[np.float64] = np.ldexp(1.0, np.maximum(exponent, _LEAST_EXPONENT))

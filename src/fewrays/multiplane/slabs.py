@@ -27,13 +27,17 @@ import numpy.typing as npt
 from fewrays.samples import OFF_IMAGE, SampleBuffer
 from fewrays.temporal.reprojection import Paths
 
-__all__ = ["Assignment", "SlabRule", "assign_planes"]
+__all__ = ["FARTHEST", "MOST_PLANES", "Assignment", "SlabRule", "assign_planes"]
 
 Float64 = npt.NDArray[np.float64]
 
 _CHUNK = 2**20  # samples that are assigned at a time
-_MOST_PLANES = 2**15 - 1
-_FARTHEST = 512.0  # pixels of motion beyond which cells are not told apart
+
+MOST_PLANES = 2**15 - 1
+"""Planes that numbers of samples' planes can tell apart."""
+
+FARTHEST = 512.0
+"""Pixels of motion beyond which cells are not told apart."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +119,7 @@ def assign_planes(samples: SampleBuffer, rule: SlabRule) -> Assignment:
     if moving:
         _assign_moving(samples, rule, key)
     planes, number = _number_rows(key)
-    if len(planes) > _MOST_PLANES:
+    if len(planes) > MOST_PLANES:
         return assign_planes(samples, replace(rule, motion_cell=2 * rule.motion_cell))
     plane_of = number.astype(np.int16)
     plane_of[samples.xy.reshape(-1, 2)[:, 0] <= OFF_IMAGE / 2] = -1
@@ -135,7 +139,7 @@ def _assign_moving(samples: SampleBuffer, rule: SlabRule, key: npt.NDArray[np.in
     both, at_open, at_close = np.intersect1d(
         opening.sample, closing.sample, assume_unique=True, return_indices=True
     )
-    moved = np.clip(closing.xy[at_close] - opening.xy[at_open], -_FARTHEST, _FARTHEST)
+    moved = np.clip(closing.xy[at_close] - opening.xy[at_open], -FARTHEST, FARTHEST)
     key[both, 1:] = np.floor(moved / rule.motion_cell + 0.5)
 
 

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from fewrays import _native
 from fewrays.cuda.machine import Machine
+from fewrays.lens import Lens
 from fewrays.multiplane.maps import Maps
 
 __all__ = ["CHANNELS", "MAP_CELLS", "DevicePlanes"]
@@ -86,6 +87,26 @@ class DevicePlanes:
             own = inner[first * _native.UNIT_HALVES : end * _native.UNIT_HALVES]
             own[:] = together.transpose(0, 3, 1, 2).ravel()
         return replace(self.outline, slots=machine.on_host(self.slots), halves=halves)
+
+    @property
+    def height(self) -> int:
+        """Image height in pixels."""
+        return self.outline.height
+
+    @property
+    def width(self) -> int:
+        """Image width in pixels."""
+        return self.outline.width
+
+    @property
+    def lens(self) -> Lens:
+        """The lens of the samples."""
+        return self.outline.lens
+
+    @property
+    def plane_count(self) -> int:
+        """Number of planes, K."""
+        return self.outline.plane_count
 
     @property
     def nbytes(self) -> int:

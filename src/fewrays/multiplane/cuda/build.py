@@ -1,0 +1,380 @@
+"""From samples to planes on a GPU: ``native/cuda/multiplane_build.cu``, launched.
+
+The host waits for the card twice, for how much memory is to be taken: it must know which planes there are,
+and how many of their blocks.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fewrays.cuda.kernel import Kernel
+from fewrays.cuda.machine import Machine, blocks_for
+from fewrays.cuda.samples import DeviceSamples
+from fewrays.multiplane.build import BuildOptions, lay_out, radiance_scale
+from fewrays.multiplane.cuda.planes import CHANNELS, MAP_CELLS, DevicePlanes
+from fewrays.multiplane.cuda.render import plane_records
+from fewrays.multiplane.maps import BLOCK, Grid, Maps, Shear
+from fewrays.multiplane.slabs import FARTHEST, MOST_PLANES, Assignment, SlabRule
+
+__all__ = ["KERNELS", "build_planes"]
+
+Int64 = npt.NDArray[np.int64]
+
+_TILE = 32  # cells of a tile's side
+_TILE_SUMS = 341  # neighbourhoods of a tile, in all levels
+_CELLS = BLOCK[0] * BLOCK[1]  # of a map
+_MOST_KEYS = 2**28  # that are counted one by one
+_MOST_EVIDENCE = 2**31  # bytes that the sums of planes which are made at once should take
+_EVIDENCE_BYTES = 36  # of a cell
+_MOST_UNITS = 20  # bits behind the point of a ray's weight
+
+_SAMPLES = {
+    "xy": "*f4",
+    "uv": "*f4",
+    "depth": "*f4",
+    "color": "*f4",
+    "time": "*f4",
+    "motion": "*f4",
+    "samples": "i8",
+    "c0": "f4",
+    "c1": "f4",
+}
+_EVIDENCE_FIELDS = {
+    "passes": "*u4",
+    "hits": "*u8",
+    "first_plane": "i4",
+    "end_plane": "i4",
+    "first_map": "i8",
+    "pass_unit": "f4",
+    "prior": "f4",
+}
+_ESTIMATE_FIELDS = {
+    "planes": "*i4",
+    "slots": "*i4",
+    "first_tile": "*i4",
+    "tile_of": "*i4",
+    "tiles": "*i4",
+    "sums": "*f4",
+    "texels": "*u2",
+    **_EVIDENCE_FIELDS,
+    "count": "i4",
+    "first_kept": "i4",
+}
+_KEYS = Kernel(
+    "multiplane_build",
+    "multiplane_keys",
+    256,
+    {
+        **_SAMPLES,
+        "thickness": "f8",
+        "linear_to": "f8",
+        "most_blur": "f8",
+        "motion_cell": "f8",
+        "farthest": "f8",
+        "exact_c0": "f8",
+        "exact_c1": "f8",
+        "keys": "*i8",
+        "present": "*u1",
+        "first_slab": "i4",
+        "middle": "i4",
+        "side": "i4",
+    },
+)
+_MARK = Kernel(
+    "multiplane_build",
+    "multiplane_mark",
+    256,
+    {
+        **_SAMPLES,
+        "planes": "*i4",
+        "keys": "*i8",
+        "plane_keys": "*i8",
+        "plane_of": "*i2",
+        "places": "*f4",
+        "marks": "*u1",
+        "brightest": "*u4",
+        "count": "i4",
+        "most_blur": "f4",
+    },
+)
+_TILES = Kernel(
+    "multiplane_build",
+    "multiplane_tiles",
+    256,
+    {"planes": "*i4", "first_tile": "*i4", "marks": "*u1", "kept": "*u1", "count": "i4", "tiles": "i4"},
+)
+_GATHER = Kernel(
+    "multiplane_build",
+    "multiplane_evidence",
+    256,
+    {
+        **_SAMPLES,
+        "planes": "*i4",
+        "slots": "*i4",
+        "plane_of": "*i2",
+        "places": "*f4",
+        **_EVIDENCE_FIELDS,
+    },
+)
+_SUMS = Kernel("multiplane_build", "multiplane_sums", 256, _ESTIMATE_FIELDS)
+_ESTIMATE = Kernel("multiplane_build", "multiplane_estimate", 256, _ESTIMATE_FIELDS)
+KERNELS = (_KEYS, _MARK, _TILES, _GATHER, _SUMS, _ESTIMATE)
+"""All kernels of the step."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Marked:
+    """Planes, and what of them samples touch.
+
+    Parameters
+    ----------
+    plane_of : array of int16, (N,)
+    places : array of float32, (N, 2)
+        Where the lens centre sees each sample's surface at half time.
+    slots, blocks : array of int32
+        As of `DevicePlanes`.
+    first_tile : array of int32, (K,)
+        Of each plane, among all places for tiles.
+    tile_of, tiles : array of int32
+        Number of each place's tile among those kept, or -1; and places of those.
+    first_block, first_map, first_kept : ndarray of int64, (K + 1,)
+        First block, map and kept tile of each plane, and the end.
+    brightest : ndarray of float32, (K,)
+        Largest radiance of each plane, in size.
+    """
+
+    plane_of: Any
+    places: Any
+    slots: Any
+    blocks: Any
+    first_tile: Any
+    tile_of: Any
+    tiles: Any
+    first_block: Int64
+    first_map: Int64
+    first_kept: Int64
+    brightest: npt.NDArray[np.float32]
+
+
+def build_planes(machine: Machine, samples: DeviceSamples, options: BuildOptions) -> DevicePlanes:
+    """Make planes of samples; see `fewrays.Multiplane.build`.
+
+    Parameters
+    ----------
+    machine : Machine
+    samples : DeviceSamples
+    options : BuildOptions
+
+    Returns
+    -------
+    DevicePlanes
+    """
+    rule = options.slab_rule(samples)
+    keys, plane_keys, assignment = _assign(machine, samples, rule)
+    shear, grid = lay_out(assignment, samples, options)
+    marked = _mark(machine, samples, keys, plane_keys, shear, grid, rule.most_blur)
+    outline = _outline(samples, shear, grid, radiance_scale(marked.brightest))
+    texels = machine.xp.zeros((int(marked.first_map[-1]), MAP_CELLS, CHANNELS), np.uint16)
+    _estimate(machine, samples, outline, marked, options.prior, texels)
+    return DevicePlanes(outline, marked.slots, texels, marked.blocks, marked.first_block, marked.first_map)
+
+
+def _outline(samples: DeviceSamples, shear: Shear, grid: Grid, scale: npt.NDArray[np.float64]) -> Maps:
+    """Return planes without blocks."""
+    slots, halves = np.zeros(0, np.int32), np.zeros(0, np.uint16)
+    return Maps(samples.height, samples.width, samples.lens, shear, grid, slots, halves, scale)
+
+
+def _of_samples(samples: DeviceSamples) -> dict[str, Any]:
+    fields = {name: getattr(samples, name) for name in ("xy", "uv", "depth", "color", "time", "motion")}
+    return fields | {"samples": samples.count, "c0": samples.lens.c0, "c1": samples.lens.c1}
+
+
+def _assign(machine: Machine, samples: DeviceSamples, rule: SlabRule) -> tuple[Any, Any, Assignment]:
+    """Sort samples into planes: keys of the samples and of the planes, on the card, and the planes."""
+    xp = machine.xp
+    moving = samples.motion is not None
+    first_slab, last_slab = rule.index(-rule.most_blur), rule.index(rule.most_blur)
+    middle = math.ceil(FARTHEST / rule.motion_cell) + 1 if moving else 0
+    side = 2 * middle + 1
+    count = int(last_slab - first_slab + 1) * side**2
+    keys = xp.empty(samples.count, np.int64)
+    present = xp.zeros(count, np.uint8) if count <= _MOST_KEYS else None
+    machine.launch(
+        _KEYS,
+        (blocks_for(samples.count, _KEYS), 1, 1),
+        thickness=rule.thickness,
+        linear_to=rule.linear_to,
+        most_blur=rule.most_blur,
+        motion_cell=rule.motion_cell,
+        farthest=FARTHEST,
+        exact_c0=samples.lens.c0,
+        exact_c1=samples.lens.c1,
+        keys=keys,
+        present=present,
+        first_slab=int(first_slab),
+        middle=middle,
+        side=side,
+        **_of_samples(samples),
+    )
+    found = xp.unique(keys) if present is None else xp.flatnonzero(present)
+    numbers = np.asarray(machine.on_host(found), np.int64)
+    numbers = numbers[numbers >= 0]
+    if len(numbers) == 0:  # all samples were dropped: one plane that holds nothing
+        numbers = np.array([(-int(first_slab) * side + middle) * side + middle], np.int64)
+    if len(numbers) > MOST_PLANES:
+        return _assign(machine, samples, replace(rule, motion_cell=2 * rule.motion_cell))
+    slab, cell = np.divmod(numbers, side**2)
+    motion = (np.stack(np.divmod(cell, side), axis=-1) - middle) * rule.motion_cell
+    assignment = Assignment(np.zeros(0, np.int16), rule.slope(slab + first_slab), motion)
+    return keys, machine.on_device(numbers, np.int64), assignment
+
+
+def _mark(
+    machine: Machine,
+    samples: DeviceSamples,
+    keys: Any,
+    plane_keys: Any,
+    shear: Shear,
+    grid: Grid,
+    most_blur: float,
+) -> _Marked:
+    """Find the blocks and tiles of planes that samples touch, and number them."""
+    xp, planes = machine.xp, len(shear.slope)
+    records = machine.on_device(plane_records(_outline(samples, shear, grid, np.ones(planes))), np.int32)
+    plane_of = xp.empty(samples.count, np.int16)
+    places = xp.empty((samples.count, 2), np.float32)
+    marks, brightest = xp.zeros(grid.slot_count, np.uint8), xp.zeros(planes, np.uint32)
+    machine.launch(
+        _MARK,
+        (blocks_for(samples.count, _MARK), 1, 1),
+        planes=records,
+        keys=keys,
+        plane_keys=plane_keys,
+        plane_of=plane_of,
+        places=places,
+        marks=marks,
+        brightest=brightest,
+        count=planes,
+        most_blur=most_blur,
+        **_of_samples(samples),
+    )
+    first_tile = _first_tile(grid)
+    on_card = machine.on_device(first_tile[:-1], np.int32)
+    kept = xp.empty(int(first_tile[-1]), np.uint8)
+    machine.launch(
+        _TILES,
+        (blocks_for(len(kept), _TILES), 1, 1),
+        planes=records,
+        first_tile=on_card,
+        marks=marks,
+        kept=kept,
+        count=planes,
+        tiles=len(kept),
+    )
+    squares = np.repeat(grid.cells.astype(np.int32) ** 2, grid.shape.prod(axis=1))
+    maps_before = _before(xp, xp.where(marks > 0, machine.on_device(squares, np.int32), 0))
+    blocks_before, tiles_before = _before(xp, marks), _before(xp, kept)
+    # One transfer tells the host of all of these.
+    place_ends = machine.on_device(np.append(grid.first_slot, grid.slot_count), np.int64)
+    tile_ends = machine.on_device(first_tile, np.int64)
+    ends = machine.on_host(
+        xp.stack([blocks_before[place_ends], maps_before[place_ends], tiles_before[tile_ends]])
+    )
+    return _Marked(
+        plane_of,
+        places,
+        xp.where(marks > 0, maps_before[:-1], -1).astype(np.int32),
+        xp.flatnonzero(marks).astype(np.int32),
+        on_card,
+        xp.where(kept > 0, tiles_before[:-1], -1).astype(np.int32),
+        xp.flatnonzero(kept).astype(np.int32),
+        ends[0],
+        ends[1],
+        ends[2],
+        machine.on_host(brightest).view(np.float32),
+    )
+
+
+def _first_tile(grid: Grid) -> Int64:
+    """First place for a tile of each plane, and the end, (K + 1,)."""
+    columns, rows = grid.shape.T.astype(np.int64)
+    down = -(-rows * BLOCK[0] * grid.cells // _TILE)
+    return np.concatenate([[0], np.cumsum(down * columns * BLOCK[1] * grid.cells // _TILE)])
+
+
+def _before(xp: Any, numbers: Any) -> Any:
+    """Return the sums of the numbers before each, and of all, (N + 1,)."""
+    sums = xp.zeros(len(numbers) + 1, np.int64)
+    sums[1:] = xp.cumsum(numbers, dtype=np.int64)
+    return sums
+
+
+def _estimate(
+    machine: Machine,
+    samples: DeviceSamples,
+    outline: Maps,
+    marked: _Marked,
+    prior: float,
+    texels: Any,
+) -> None:
+    """Make opacity and radiance of cells, some planes at a time."""
+    xp = machine.xp
+    records = machine.on_device(plane_records(outline), np.int32)
+    # Any cell can hold 16 times as many rays as there are in a pixel, and those of 4096 pixels at 1 spp.
+    pass_unit = 2.0 ** min(_MOST_UNITS, 28 - math.ceil(math.log2(samples.spp)))
+    for first, end in _groups(marked.first_map):
+        first_map, first_kept = int(marked.first_map[first]), int(marked.first_kept[first])
+        cells = (int(marked.first_map[end]) - first_map) * _CELLS
+        tiles = int(marked.first_kept[end]) - first_kept
+        evidence = {
+            "passes": xp.zeros(cells, np.uint32),
+            "hits": xp.zeros((cells, 4), np.uint64),
+            "first_plane": first,
+            "end_plane": end,
+            "first_map": first_map,
+            "pass_unit": pass_unit,
+            "prior": prior,
+        }
+        machine.launch(
+            _GATHER,
+            (blocks_for(samples.count, _GATHER), 1, 1),
+            planes=records,
+            slots=marked.slots,
+            plane_of=marked.plane_of,
+            places=marked.places,
+            **_of_samples(samples),
+            **evidence,
+        )
+        work = {
+            "planes": records,
+            "slots": marked.slots,
+            "first_tile": marked.first_tile,
+            "tile_of": marked.tile_of,
+            "tiles": marked.tiles,
+            "sums": xp.empty((tiles, _TILE_SUMS, 5), np.float32),
+            "texels": texels,
+            "count": outline.plane_count,
+            "first_kept": first_kept,
+            **evidence,
+        }
+        machine.launch(_SUMS, (tiles, 1, 1), **work)
+        machine.launch(_ESTIMATE, (tiles, 1, 1), **work)
+
+
+def _groups(first_map: Int64) -> list[tuple[int, int]]:
+    """Planes [first, end) whose sums together take a bounded part of memory, one plane at least."""
+    most = _MOST_EVIDENCE // (_EVIDENCE_BYTES * _CELLS)
+    groups, first = [], 0
+    while first < len(first_map) - 1:
+        end = int(np.searchsorted(first_map, first_map[first] + most, side="right")) - 1
+        end = max(end, first + 1)
+        groups.append((first, end))
+        first = end
+    return groups
