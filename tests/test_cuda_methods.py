@@ -108,7 +108,7 @@ def test_shapes_on_the_card_are_checked(samples: SampleBuffer) -> None:
         device_samples(samples, uv=samples.depth)
     with pytest.raises(SampleError, match=r"depth: expected shape \(H, W, S\)"):
         device_samples(samples, depth=samples.uv)
-    with pytest.raises(SampleError, match="motion: .*give time"):
+    with pytest.raises(SampleError, match=r"motion: .*give time"):
         device_samples(samples, motion=np.zeros_like(samples.color))
 
 
@@ -123,5 +123,5 @@ def test_command_line(phases: PhasesMachine, samples: SampleBuffer, tmp_path: Pa
 
 
 def test_unknown_places_are_refused(samples: SampleBuffer) -> None:
-    with pytest.raises(SampleError, match="output: .*out of host, device"):
+    with pytest.raises(SampleError, match=r"output: .*out of host, device"):
         reconstruct(samples, output="card")

@@ -1,9 +1,13 @@
-"""``python -m fewrays.cuda``: compile every kernel without a card and print what each takes."""
+"""``python -m fewrays.cuda``: compile every kernel without a card and print what each takes.
+
+``python -m fewrays.cuda device`` prints the card, or why there is none to use.
+"""
 
 from __future__ import annotations
 
 import sys
 
+from fewrays.cuda.device import find_device
 from fewrays.cuda.nvrtc import compile_program
 from fewrays.cuda.source import OPTIONS, PROGRAMS, program_text
 from fewrays.errors import SampleError
@@ -11,6 +15,10 @@ from fewrays.errors import SampleError
 
 def main() -> int:
     """Compile for compute capability 9.0, or for those given as arguments, such as ``sm_70``."""
+    if sys.argv[1:] == ["device"]:
+        device = find_device()
+        print(device if not isinstance(device, str) else f"fewrays: {device}")
+        return int(isinstance(device, str))
     print(f"{'kernel':32}{'target':>8}{'registers':>11}{'shared':>9}{'stack':>7}{'spills':>8}")
     try:
         for architecture in sys.argv[1:] or ["sm_90"]:

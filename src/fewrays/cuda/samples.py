@@ -106,7 +106,9 @@ class DeviceSamples:
         """
         if (lens.c0, lens.c1) == (self.lens.c0, self.lens.c1):
             return replace(self, lens=lens)
-        shear = lens.slope(self.depth) - self.lens.slope(self.depth)
+        # As `Lens.slope`, which takes arrays of the host alone.
+        now, then = (each.c0 / self.depth + each.c1 for each in (lens, self.lens))
+        shear = now - then
         return replace(self, lens=lens, xy=self.xy + shear[..., None] * self.uv)
 
     @property
