@@ -91,7 +91,8 @@ def render_planes(machine: Machine, planes: DevicePlanes, lens: Lens | None, opt
     sigma = smoothing_of(seen.shear.slope, where, options.smoothing)
     shrink = shrink_of(seen.shear.slope, seen.grid.cells, sigma, where)
     records = machine.on_device(plane_records(seen), np.int32)
-    sources = _smooth(machine, planes, records, sigma)
+    # The kernel knows smoothed planes by their addresses alone: they must last until it is launched.
+    sources, smoothed = _smooth(machine, planes, records, sigma)
     image = machine.xp.empty((seen.height, seen.width, 4), np.float32)
     machine.launch(
         _RENDER,
@@ -111,6 +112,7 @@ def render_planes(machine: Machine, planes: DevicePlanes, lens: Lens | None, opt
         vignetted=options.cats_eye > 0,
         darken=options.darken,
     )
+    del smoothed
     return image
 
 
@@ -130,8 +132,10 @@ def _reach(maps: Maps, shrink: Float64, where: Locations) -> Float64:
     return farthest
 
 
-def _smooth(machine: Machine, planes: DevicePlanes, records: Any, sigma: Float64) -> npt.NDArray[np.uint64]:
-    """Smooth the planes that ask for it; return where each one's blocks are numbered from, (K,).
+def _smooth(
+    machine: Machine, planes: DevicePlanes, records: Any, sigma: Float64
+) -> tuple[npt.NDArray[np.uint64], Any]:
+    """Smooth the planes that ask for it; return where each one's blocks are numbered from (K,), and copies.
 
     Blocks keep their numbers: a smoothed copy of planes lies as they do, and its address is that of the map
     that would be the first of all.
@@ -161,7 +165,7 @@ def _smooth(machine: Machine, planes: DevicePlanes, records: Any, sigma: Float64
         )
         sources[first:end] = np.uint64(machine.address(smoothed) + (place - first_map) * map_bytes)
         place += int(planes.first_map[end]) - first_map
-    return sources
+    return sources, smoothed
 
 
 def _runs(maps: Maps, sigma: Float64) -> list[tuple[int, int]]:
