@@ -48,6 +48,11 @@ def phases(monkeypatch: pytest.MonkeyPatch) -> PhasesMachine:
     machine = PhasesMachine()
     card = Device("phases on the processor", (9, 0), 1 << 30, 1, 48 << 10, machine.cache_bytes)
     monkeypatch.setattr("fewrays.cuda.device.find_device", lambda: card)
-    for module in ("fewrays.cuda.samples", "fewrays.dynamic.cuda", "fewrays.multiplane.engine"):
+    for module in (
+        "fewrays.cuda.samples",
+        "fewrays.dynamic.cuda",
+        "fewrays.layered",
+        "fewrays.multiplane.engine",
+    ):
         monkeypatch.setattr(f"{module}.require_machine", lambda: machine)
     return machine

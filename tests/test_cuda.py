@@ -14,11 +14,17 @@ from fewrays import Lens, SampleError, defocus
 from fewrays.cuda import device, nvrtc, source
 from fewrays.cuda.kernel import Kernel
 from fewrays.dynamic import cuda as dynamic_cuda
+from fewrays.layered import cuda as layered_cuda
 from fewrays.multiplane.cuda import build as multiplane_build
 from fewrays.multiplane.cuda import render as multiplane_render
 from phases import compile_phases
 
-KERNELS = (*dynamic_cuda.KERNELS, *multiplane_build.KERNELS, *multiplane_render.KERNELS)
+KERNELS = (
+    *dynamic_cuda.KERNELS,
+    *layered_cuda.KERNELS,
+    *multiplane_build.KERNELS,
+    *multiplane_render.KERNELS,
+)
 
 HAS_GPU = not isinstance(device.find_device(), str)
 

@@ -13,7 +13,15 @@ from fewrays.errors import SampleError
 from fewrays.lens import Lens
 from fewrays.samples import SampleBuffer
 
-__all__ = ["DeviceSamples"]
+__all__ = ["SAMPLE_FIELDS", "DeviceSamples"]
+
+SAMPLE_FIELDS = {
+    **dict.fromkeys(("xy", "uv", "depth", "color", "time", "motion"), "*f4"),
+    "samples": "i8",
+    "c0": "f4",
+    "c1": "f4",
+}
+"""``DeviceSamples`` in ``native/cuda/device_samples.h``, as `fewrays.cuda.kernel.Kernel` describes it."""
 
 _CHANNELS = {"xy": 2, "uv": 2, "depth": None, "color": 3, "time": None, "motion": 3}
 _LENS_TOLERANCE = 1e-4
@@ -130,6 +138,11 @@ class DeviceSamples:
     def count(self) -> int:
         """Samples in all."""
         return int(self.depth.size)
+
+    def arguments(self) -> dict[str, Any]:
+        """Return what kernels take, by `SAMPLE_FIELDS`."""
+        arrays = {name: getattr(self, name) for name in _CHANNELS}
+        return arrays | {"samples": self.count, "c0": self.lens.c0, "c1": self.lens.c1}
 
 
 def _check_shapes(arrays: dict[str, Any]) -> None:

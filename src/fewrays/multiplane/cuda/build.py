@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from fewrays.cuda.kernel import Kernel
 from fewrays.cuda.machine import Machine, blocks_for
-from fewrays.cuda.samples import DeviceSamples
+from fewrays.cuda.samples import SAMPLE_FIELDS, DeviceSamples
 from fewrays.multiplane.build import BuildOptions, lay_out, radiance_scale
 from fewrays.multiplane.cuda.planes import CHANNELS, MAP_CELLS, DevicePlanes
 from fewrays.multiplane.cuda.render import plane_records
@@ -34,17 +34,6 @@ _MOST_EVIDENCE = 2**31  # bytes that the sums of planes which are made at once s
 _EVIDENCE_BYTES = 36  # of a cell
 _MOST_UNITS = 20  # bits behind the point of a ray's weight
 
-_SAMPLES = {
-    "xy": "*f4",
-    "uv": "*f4",
-    "depth": "*f4",
-    "color": "*f4",
-    "time": "*f4",
-    "motion": "*f4",
-    "samples": "i8",
-    "c0": "f4",
-    "c1": "f4",
-}
 _EVIDENCE_FIELDS = {
     "passes": "*u4",
     "hits": "*u8",
@@ -71,7 +60,7 @@ _KEYS = Kernel(
     "multiplane_keys",
     256,
     {
-        **_SAMPLES,
+        **SAMPLE_FIELDS,
         "thickness": "f8",
         "linear_to": "f8",
         "most_blur": "f8",
@@ -91,7 +80,7 @@ _MARK = Kernel(
     "multiplane_mark",
     256,
     {
-        **_SAMPLES,
+        **SAMPLE_FIELDS,
         "planes": "*i4",
         "keys": "*i8",
         "plane_keys": "*i8",
@@ -114,7 +103,7 @@ _GATHER = Kernel(
     "multiplane_evidence",
     256,
     {
-        **_SAMPLES,
+        **SAMPLE_FIELDS,
         "planes": "*i4",
         "slots": "*i4",
         "plane_of": "*i2",
@@ -191,11 +180,6 @@ def _outline(samples: DeviceSamples, shear: Shear, grid: Grid, scale: npt.NDArra
     return Maps(samples.height, samples.width, samples.lens, shear, grid, slots, halves, scale)
 
 
-def _of_samples(samples: DeviceSamples) -> dict[str, Any]:
-    fields = {name: getattr(samples, name) for name in ("xy", "uv", "depth", "color", "time", "motion")}
-    return fields | {"samples": samples.count, "c0": samples.lens.c0, "c1": samples.lens.c1}
-
-
 def _assign(machine: Machine, samples: DeviceSamples, rule: SlabRule) -> tuple[Any, Any, Assignment]:
     """Sort samples into planes: keys of the samples and of the planes, on the card, and the planes."""
     xp = machine.xp
@@ -221,7 +205,7 @@ def _assign(machine: Machine, samples: DeviceSamples, rule: SlabRule) -> tuple[A
         first_slab=int(first_slab),
         middle=middle,
         side=side,
-        **_of_samples(samples),
+        **samples.arguments(),
     )
     found = xp.unique(keys) if present is None else xp.flatnonzero(present)
     numbers = np.asarray(machine.on_host(found), np.int64)
@@ -263,7 +247,7 @@ def _mark(
         brightest=brightest,
         count=planes,
         most_blur=most_blur,
-        **_of_samples(samples),
+        **samples.arguments(),
     )
     first_tile = _first_tile(grid)
     on_card = machine.on_device(first_tile[:-1], np.int32)
@@ -349,7 +333,7 @@ def _estimate(
             slots=marked.slots,
             plane_of=marked.plane_of,
             places=marked.places,
-            **_of_samples(samples),
+            **samples.arguments(),
             **evidence,
         )
         work = {
