@@ -53,6 +53,8 @@ def phases(monkeypatch: pytest.MonkeyPatch) -> PhasesMachine:
         "fewrays.dynamic.cuda",
         "fewrays.layered",
         "fewrays.multiplane.engine",
+        "fewrays.temporal",
+        "fewrays.temporal.cuda",
     ):
         monkeypatch.setattr(f"{module}.require_machine", lambda: machine)
     return machine

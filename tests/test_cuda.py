@@ -17,6 +17,7 @@ from fewrays.dynamic import cuda as dynamic_cuda
 from fewrays.layered import cuda as layered_cuda
 from fewrays.multiplane.cuda import build as multiplane_build
 from fewrays.multiplane.cuda import render as multiplane_render
+from fewrays.temporal import cuda as temporal_cuda
 from phases import compile_phases
 
 KERNELS = (
@@ -24,6 +25,7 @@ KERNELS = (
     *layered_cuda.KERNELS,
     *multiplane_build.KERNELS,
     *multiplane_render.KERNELS,
+    *temporal_cuda.KERNELS,
 )
 
 HAS_GPU = not isinstance(device.find_device(), str)

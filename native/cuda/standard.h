@@ -2,6 +2,8 @@
 // that include them are left out of what it is given, and this comes first.
 #pragma once
 
+#define INFINITY __int_as_float(0x7f800000)
+
 namespace std {
 
 using int8_t = signed char;

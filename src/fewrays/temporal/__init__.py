@@ -11,17 +11,21 @@ how far apart samples can be, and `refine` makes more of the result than its mea
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from fewrays.aperture_options import ApertureOptions
+from fewrays.cuda.device import require_machine
+from fewrays.cuda.samples import DeviceSamples
 from fewrays.errors import require_option
 from fewrays.method import Method, Reconstruction
 from fewrays.parallel import Execution
 from fewrays.pixel_filter import PixelFilter, PixelFilterShape
 from fewrays.samples import SampleBuffer
-from fewrays.temporal import kernel, reference
+from fewrays.temporal import cuda, kernel, reference
 from fewrays.temporal.locations import make_locations
 from fewrays.temporal.plan import Plan, SurfaceRule
 from fewrays.temporal.refine import correct, sample_mean, smooth_bands
@@ -101,11 +105,22 @@ def make_plan(samples: SampleBuffer, options: TemporalOptions) -> Plan:
     )
 
 
-def _run(samples: SampleBuffer, options: TemporalOptions, execution: Execution) -> Reconstruction:
+_ENGINES: dict[str, Callable[[SampleBuffer, Plan, npt.NDArray[np.float32], Execution], object]] = {
+    "cpu": kernel.reconstruct_tiles,
+    "reference": reference.reconstruct_tiles,
+    "cuda": cuda.reconstruct_tiles,
+}
+
+
+def _run(
+    samples: SampleBuffer | DeviceSamples, options: TemporalOptions, execution: Execution
+) -> Reconstruction:
+    if isinstance(samples, DeviceSamples):
+        # What comes before and after the views is the host's.
+        samples = samples.to_buffer(require_machine())
     plan = make_plan(samples, options)
     bands = np.zeros((samples.height, samples.width, len(plan.band_starts), 4), np.float32)
-    engine = reference if execution.device == "reference" else kernel
-    engine.reconstruct_tiles(samples, plan, bands, execution)
+    _ENGINES[execution.device](samples, plan, bands, execution)
     image = smooth_bands(bands, plan.band_starts, options.smoothing * plan.rule.along_lens)
     if options.correction:
         aperture, shutter = options.aperture_of(samples.lens), options.open_shutter()
@@ -118,7 +133,7 @@ METHOD = Method(
     name="temporal",
     summary="samples seen from many lens points and times, with visibility resolved at each",
     options=TemporalOptions,
-    devices=("cpu", "reference"),
+    devices=("cpu", "reference", "cuda"),
     run=_run,
 )
 """The paper's method for defocus and motion; soft shadows are apart."""
