@@ -22,12 +22,16 @@ from fewrays.cuda.device import Device, find_device, require_machine
 from fewrays.cuda.samples import DeviceSamples
 from fewrays.dynamic import DefocusOptions, DepthLayer, make_light_field
 from fewrays.dynamic import cuda as dynamic
+from fewrays.layered import LayeredOptions
+from fewrays.layered import cuda as layered
 from fewrays.lens import Lens
 from fewrays.multiplane import MultiplaneOptions
 from fewrays.multiplane.cuda.build import build_planes
 from fewrays.multiplane.cuda.render import render_planes
 from fewrays.parallel import Execution
 from fewrays.sources.analytic_pinhole import pinhole
+from fewrays.temporal import TemporalOptions, make_plan
+from fewrays.temporal import cuda as temporal
 from gpu_timing import DenoiserOnGpu, TimedMachine, milliseconds
 from report import markdown_table, met, provenance, write_page
 from workloads import LEAF_LENS, leaf_planes, leaf_stack, repeated
@@ -39,6 +43,8 @@ TARGETS = {  # milliseconds on an H100, samples on the card
     "multiplane, 128 views": {(720, 1280): 4.0},
     "multiplane, 64 views": {(2160, 3840): 1000 / 30},
     "dynamic, 36 views": {(1080, 1920): 0.6},
+    "layered": {(720, 1280): 2.0, (2160, 3840): 1000 / 60},
+    "temporal, 128 locations": {(720, 1280): 60.0},
 }
 PUBLISHED = {
     "layered": "31 to 76 ms on a GTX 680, as its paper has it (Vaidyanathan et al. 2015)",
@@ -83,6 +89,7 @@ def measure_size(
     field = light_field(size)
     on_card = dynamic.upload(machine, field)
     box = np.ascontiguousarray(fewrays.reconstruct(on_host, "box"))
+    plan = make_plan(on_host, TemporalOptions(locations=128))
     denoiser = DenoiserOnGpu(box)
     fields = (samples.xy, samples.uv, samples.depth, samples.color)
     copies = [(machine.xp.empty_like(each), each) for each in fields]
@@ -100,6 +107,8 @@ def measure_size(
         "multiplane, 128 views": views(128),
         "multiplane, 64 views": views(64),
         "dynamic, 36 views": lambda: dynamic.synthesize_views(timed, field, on_card),
+        "layered": lambda: layered.reconstruct_image(timed, samples, LayeredOptions()),
+        "temporal, 128 locations": lambda: temporal.reconstruct_bands(timed, samples, None, plan),
         "copy of the samples on the card": copy_samples,
         "samples to the card": lambda: DeviceSamples.of_buffer(machine, on_host),
         "image to the host": lambda: machine.on_host(image),

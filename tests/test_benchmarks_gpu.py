@@ -58,5 +58,13 @@ def test_the_page_is_written(
     monkeypatch.setattr(sys, "argv", ["gpu.py", "--repetitions", "2", "--sizes", "1", "--out", str(tmp_path)])
     gpu.main()
     page = (tmp_path / "gpu.md").read_text(encoding="utf-8")
-    for text in ("32 x 18", "**Met**", "multiplane_evidence", "dynamic_synthesize", "GTX 680", "to the host"):
+    for text in (
+        "32 x 18",
+        "**Met**",
+        "multiplane_evidence",
+        "dynamic_synthesize",
+        "temporal_resolve",
+        "GTX 680",
+        "to the host",
+    ):
         assert text in page

@@ -22,6 +22,7 @@ pytestmark = pytest.mark.gpu
 
 LENS = Lens(-60.0, 12.0)
 SIZES = [(720, 1280), (333, 517)]
+OTHERS: dict[str, dict[str, Any]] = {"layered": {}, "temporal": {"locations": 4}}
 
 
 @pytest.fixture(autouse=True)
@@ -63,6 +64,23 @@ def test_multiplane(size: tuple[int, int], moving: bool) -> None:
 
 
 @pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("moving", [False, True])
+def test_temporal(size: tuple[int, int], moving: bool) -> None:
+    samples = samples_of(size, moving=moving)
+    image = reconstruct(samples, "temporal", device="cuda", locations=8)
+    assert_like_the_cpu(image, reconstruct(samples, "temporal", device="cpu", locations=8))
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_layered(size: tuple[int, int]) -> None:
+    """The processor's kernels take layers' slopes from the samples around each tile: more pixels differ."""
+    samples = samples_of(size)
+    image = reconstruct(samples, "layered", device="cuda")
+    expected = reconstruct(samples, "layered", device="cpu", tile=256)
+    assert_agree(tone_mapped(image), tone_mapped(expected), tolerance=1 / 255, flips=0.05, jump=0.2)
+
+
+@pytest.mark.parametrize("size", SIZES)
 def test_dynamic(size: tuple[int, int]) -> None:
     rng = np.random.default_rng(2)
     color = rng.random((*size, 3))
@@ -79,7 +97,10 @@ def test_repeats_are_the_same_bit_by_bit() -> None:
     rng = np.random.default_rng(3)
     color, depth = rng.random((360, 640, 3)), rng.uniform(2, 30, (360, 640))
     blurred = defocus(color, depth, LENS, device="cuda")
+    others = {name: reconstruct(samples, name, device="cuda", **given) for name, given in OTHERS.items()}
     for _ in range(10):
+        for name, given in OTHERS.items():
+            np.testing.assert_array_equal(reconstruct(samples, name, device="cuda", **given), others[name])
         again = Multiplane.build(samples, device="cuda")
         np.testing.assert_array_equal(again.maps.halves, first.maps.halves)
         np.testing.assert_array_equal(again.render(), image)
