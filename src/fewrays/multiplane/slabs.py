@@ -52,7 +52,7 @@ class SlabRule:
         Blur radius in pixels above which slopes count as of this one: blur as wide as several images.
     """
 
-    thickness: float = 0.4
+    thickness: float = 0.35
     linear_to: float = 8.0
     motion_cell: float = 1.5
     most_blur: float = 2.0**16
