@@ -28,6 +28,7 @@ Float64 = npt.NDArray[np.float64]
 Int32 = npt.NDArray[np.int32]
 
 _LEAST_SIGMA = 0.3  # pixels; a Gaussian narrower than that has no second tap to speak of
+_MOST_SIGMA = 10.0  # pixels
 _COARSE_SIGMA = 0.5  # pixels; what has been smoothed that much needs one cell per pixel
 _MOST_BYTES = 2**26  # that smoothed copies of planes should take
 _ROWS = 24  # of blocks that are smoothed at once
@@ -62,7 +63,7 @@ class Smoothing:
         weight = where.weight[:, None].astype(np.float64)
         variance = float((np.square(where.uv, dtype=np.float64) * weight).sum() / 2)
         sigma = strength * np.abs(slope) * math.sqrt(4 * math.pi * variance / where.count)
-        sigma = np.where(sigma > _LEAST_SIGMA, sigma, 0.0)
+        sigma = np.where(sigma > _LEAST_SIGMA, np.minimum(sigma, _MOST_SIGMA), 0.0)
         return cls(sigma, cells, np.where((cells == 2) & (sigma > _COARSE_SIGMA), 1, cells).astype(np.int32))
 
     @property
