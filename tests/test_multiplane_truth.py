@@ -303,7 +303,7 @@ class TestRefocusing:
     @pytest.fixture(scope="class")
     @classmethod
     def built(cls, samples: SampleBuffer) -> Multiplane:
-        return Multiplane.build(samples, fine_to=20.0)
+        return Multiplane.build(samples)
 
     @pytest.mark.parametrize(
         ("focus_distance", "aperture_scale", "psnr"),
@@ -322,14 +322,14 @@ class TestRefocusing:
         truth = reference(self.planes, lens, 96, 96, spp=128, pixel_filter="box")
         image = built.render(lens)
         assert psnr_display(middle(image), middle(truth)) > psnr
-        rebuilt = Multiplane.build(samples.refocus(focus_distance, aperture_scale), fine_to=20.0).render()
+        rebuilt = Multiplane.build(samples.refocus(focus_distance, aperture_scale)).render()
         assert psnr_display(middle(image), middle(rebuilt)) > 42
 
     def test_one_plane_seen_sharp_and_blurred(self) -> None:
         """Of waves that one plane shows, the image through any lens is known exactly."""
         texture = smooth_noise(12, waves=8)
         depth = LENS.depth(6.0)
-        built = Multiplane.build(sample([Plane(depth, texture)], LENS, SIDE, SIDE, 8), fine_to=20.0)
+        built = Multiplane.build(sample([Plane(depth, texture)], LENS, SIDE, SIDE, 8))
         for lens in (LENS, LENS.refocus(depth), LENS.refocus(LENS.depth(8.0)), LENS.refocus(None, 0.4)):
             exact = exact_waves(texture, depth, lens, SIDE, SIDE, pixel_filter="box")
             assert psnr_display(middle(built.render(lens)), middle(exact)) > 52, lens

@@ -49,7 +49,7 @@ class BuildOptions:
     fine_to: float = 0.7
     """Blur radius in pixels up to which planes count as in focus."""
     memory: float = 1350.0
-    """Megabytes (2^20 bytes) that planes should take: beyond, those with most blur have one cell per pixel."""
+    """Megabytes (2^20 bytes) for planes; beyond, those with most blur have one cell per pixel."""
     prior: float = 0.2
     """Rays that the estimate of a cell's neighbourhood counts as."""
     motion_cell: float = 1.5
@@ -159,9 +159,7 @@ def _touch(
     marks = np.zeros(grid.slot_count, np.uint8)
     reach, brightest = np.zeros((2, len(shear.slope)), np.float32)
     planes = native_planes(shear, grid, np.ones(len(shear.slope)), options.slab_rule(samples).most_blur)
-    _native.multiplane_mark(
-        view_light_field(samples), assignment.plane_of, planes, marks, reach, brightest
-    )
+    _native.multiplane_mark(view_light_field(samples), assignment.plane_of, planes, marks, reach, brightest)
     return Layout(shear, grid, marks.view(np.bool_), reach, brightest)
 
 
@@ -194,7 +192,7 @@ def _parts(grid: Grid, marks: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
 
 
 def _radiance_scale(brightest: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
-    """Return the powers of two (K,) that stored radiance is multiplied with, for the largest of each plane."""
+    """Return the powers of two (K,) that stored radiance is multiplied with."""
     exponent = np.frexp(brightest.astype(np.float64) / _LARGEST)[1]
     scale: npt.NDArray[np.float64] = np.ldexp(1.0, np.maximum(exponent, _LEAST_EXPONENT))
     return scale

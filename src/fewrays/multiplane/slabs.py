@@ -2,12 +2,13 @@
 
 Slab k holds the slopes ``C`` with ``k - 1/2 <= s(C) < k + 1/2``, for
 
-    s(C) = sign(C) |C| / w                        where |C| <= L,
-    s(C) = sign(C) (L + L ln(|C| / L)) / w        beyond,
+    s(C) = sign(C) |C| / w                                          where |C| <= L,
+    s(C) = sign(C) (L / w) (1 + ln(|C| / L))                        where |C| <= 4 L,
+    s(C) = sign(C) (L / w) (1 + ln 4 + 2 - 2 (|C| / (4 L))^-1/2)    beyond,
 
 with slabs w pixels thick as long as blur is below L pixels. Beyond, thickness grows with the blur that hides
-it: twice the blur takes ``(L / w) ln 2`` slabs more, however wide it is. One slab has the focal plane in its
-middle.
+it, and in the end faster, with the power 3/2: there are never more than ``2 (L / w) (3 + ln 4)`` slabs. One
+slab has the focal plane in its middle.
 
 What moves while the shutter is open is told apart further, by its motion over the screen in cells of a few
 pixels. A plane stands for one slab and one such cell, and is seen from lens point (u, v) at time t shifted by
@@ -19,6 +20,7 @@ C being the slab's middle and M the cell's: time is to motion what the lens is t
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,6 +35,8 @@ Float64 = npt.NDArray[np.float64]
 
 _CHUNK = 2**20  # samples that are assigned at a time
 _MOST_PLANES = 2**15 - 1
+_WIDE = 4.0  # times the blur up to which slabs are even; thickness then grows faster than blur
+_WIDE_AT = 1 + math.log(_WIDE)  # s(C) of that, in units of L / w
 _FARTHEST = 512.0  # pixels of motion beyond which cells are not told apart
 
 
@@ -61,18 +65,20 @@ class SlabRule:
         """Return s(C) for slopes in pixels, of any shape."""
         slope = np.clip(np.asarray(slope, np.float64), -self.most_blur, self.most_blur)
         size = np.abs(slope)
-        beyond = self.linear_to * (1 + np.log(np.maximum(size, self.linear_to) / self.linear_to))
-        distance: Float64 = np.where(size <= self.linear_to, size, beyond) / self.thickness
+        times = size / self.linear_to
+        beyond = 1 + np.log(np.clip(times, 1, _WIDE)) + 2 - 2 / np.sqrt(np.maximum(times / _WIDE, 1))
+        distance: Float64 = np.where(times <= 1, times, beyond) * (self.linear_to / self.thickness)
         signed: Float64 = np.copysign(distance, slope)
         return signed
 
     def slope(self, coordinate: npt.ArrayLike) -> Float64:
         """Return the slope in pixels at coordinates s, of any shape: the inverse of `coordinate`."""
         coordinate = np.asarray(coordinate, np.float64)
-        distance = np.abs(coordinate) * self.thickness
-        beyond = self.linear_to * np.exp(np.maximum(distance / self.linear_to - 1, 0))
-        size = np.where(distance <= self.linear_to, distance, beyond)
-        signed: Float64 = np.copysign(size, coordinate)
+        distance = np.abs(coordinate) * (self.thickness / self.linear_to)
+        rest = np.maximum(1 - (distance - _WIDE_AT) / 2, 1e-6)  # 0 where blur is infinite
+        beyond = np.where(distance <= _WIDE_AT, np.exp(np.clip(distance, 1, _WIDE_AT) - 1), _WIDE / rest**2)
+        size = self.linear_to * np.where(distance <= 1, distance, beyond)
+        signed: Float64 = np.copysign(np.minimum(size, self.most_blur), coordinate)
         return signed
 
     def index(self, slope: npt.ArrayLike) -> npt.NDArray[np.int64]:
