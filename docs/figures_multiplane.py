@@ -133,7 +133,7 @@ def compensation() -> None:
             depth = at_slope(slope)
             built = Multiplane.build(sample([Plane(depth, texture)], LENS, 96, 96, 16))
             truth = exact_waves(texture, depth, LENS, 96, 96, pixel_filter="box")
-            with patch.object(render, "shrink_of", lambda shear, *_: np.ones(len(shear.slope))):
+            with patch.object(render, "shrink_of", lambda slope, *_: np.ones(len(slope))):
                 apart = built.render()
             rows.append(
                 [f"{period:g}", f"{slope:g}", quality(apart, truth, 24), quality(built.render(), truth, 24)]
