@@ -36,7 +36,7 @@ def planes() -> Multiplane:
     motion = np.zeros((*samples.depth.shape, 3), np.float32)
     motion[..., 0] = np.where(samples.depth < np.median(samples.depth), 9 * samples.depth, 0)
     samples = replace(samples, time=np.full(samples.depth.shape, 0.25, np.float32), motion=motion)
-    return Multiplane.build(samples, threads=1, thickness=4.0, motion_cell=8.0, memory=0.2)
+    return Multiplane.build(samples, threads=1, thickness=4.0, motion_cell=8.0, fine_to=3.0, memory=0.2)
 
 
 class Written(bytes):

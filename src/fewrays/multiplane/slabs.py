@@ -15,12 +15,13 @@ pixels. A plane stands for one slab and one such cell, and is seen from lens poi
 
     C (u, v) + M (t - 1/2),
 
-C being the slab's middle and M the cell's: time is to motion what the lens is to slope.
+C and M being the means of its samples': time is to motion what the lens is to slope.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -91,6 +92,8 @@ class SlabRule:
 class Assignment:
     """Planes, and which of them each sample belongs to.
 
+    A plane stands where its samples are on average, which is exact for a surface that faces the camera.
+
     Parameters
     ----------
     plane_of : ndarray of int16, (N,)
@@ -112,37 +115,53 @@ def assign_planes(samples: SampleBuffer, rule: SlabRule) -> Assignment:
     Cells of motion become larger, twice by twice, when there would be more planes than numbers for them.
     """
     count = samples.depth.size
-    moving = samples.motion is not None and bool(samples.motion.any())
-    key = np.empty((count, 3 if moving else 1), np.int32)
-    depth = samples.depth.reshape(-1)
-    for first in range(0, count, _CHUNK):
-        part = slice(first, min(first + _CHUNK, count))
-        key[part, 0] = rule.index(samples.lens.slope(depth[part]))
-    if moving:
-        _assign_moving(samples, rule, key)
+    if samples.motion is not None and bool(samples.motion.any()):
+        slope, motion = _seen_at_half_time(samples, rule)
+        key = np.column_stack([rule.index(slope), np.floor(motion / rule.motion_cell + 0.5)]).astype(np.int32)
+    else:
+        slope, motion = None, None
+        key = np.empty((count, 1), np.int32)
+        for part in _chunks(count):
+            key[part, 0] = rule.index(_slope_of(samples, rule, part))
     planes, number = _number_rows(key)
     if len(planes) > _MOST_PLANES:
         return assign_planes(samples, replace(rule, motion_cell=2 * rule.motion_cell))
-    plane_of = number.astype(np.int16)
+    sums = np.zeros((len(planes), 4))
+    for part in _chunks(count):
+        of_part = _slope_of(samples, rule, part) if slope is None else slope[part]
+        columns = [np.ones_like(of_part), of_part]
+        columns += [] if motion is None else list(motion[part].T)
+        for column, values in enumerate(columns):
+            sums[:, column] += np.bincount(number[part], values, len(planes))
+    means = sums[:, 1:] / sums[:, :1]
+    order = np.argsort(means[:, 0], kind="stable")
+    plane_of = np.argsort(order).astype(np.int16)[number]
     plane_of[samples.xy.reshape(-1, 2)[:, 0] <= OFF_IMAGE / 2] = -1
-    motion = np.zeros((len(planes), 2))
-    if moving:
-        motion[:] = planes[:, 1:] * rule.motion_cell
-    return Assignment(plane_of, rule.slope(planes[:, 0]), motion)
+    return Assignment(plane_of, means[order, 0], means[order, 1:])
 
 
-def _assign_moving(samples: SampleBuffer, rule: SlabRule, key: npt.NDArray[np.int32]) -> None:
-    """Fill in slab and cell of motion, (N, 3), of what the lens centre sees at half time and at both ends."""
+def _chunks(count: int) -> Iterator[slice]:
+    for first in range(0, count, _CHUNK):
+        yield slice(first, min(first + _CHUNK, count))
+
+
+def _slope_of(samples: SampleBuffer, rule: SlabRule, part: slice) -> Float64:
+    slope = samples.lens.slope(samples.depth.reshape(-1)[part]).astype(np.float64)
+    return np.clip(slope, -rule.most_blur, rule.most_blur)
+
+
+def _seen_at_half_time(samples: SampleBuffer, rule: SlabRule) -> tuple[Float64, Float64]:
+    """Return the slope at half time (N,) and the motion (N, 2) of what samples hit, for the lens centre."""
+    count = samples.depth.size
+    slope, motion = _slope_of(samples, rule, slice(count)), np.zeros((count, 2))
     paths = Paths.of_samples(samples)
-    half, *ends = (paths.seen_from(0.0, 0.0, time) for time in (0.5, 0.0, 1.0))
-    key[half.sample, 0] = rule.index(half.slope)
-    key[:, 1:] = 0
-    opening, closing = ends
+    half, opening, closing = (paths.seen_from(0.0, 0.0, time) for time in (0.5, 0.0, 1.0))
+    slope[half.sample] = np.clip(half.slope, -rule.most_blur, rule.most_blur)
     both, at_open, at_close = np.intersect1d(
         opening.sample, closing.sample, assume_unique=True, return_indices=True
     )
-    moved = np.clip(closing.xy[at_close] - opening.xy[at_open], -_FARTHEST, _FARTHEST)
-    key[both, 1:] = np.floor(moved / rule.motion_cell + 0.5)
+    motion[both] = np.clip(closing.xy[at_close] - opening.xy[at_open], -_FARTHEST, _FARTHEST)
+    return slope, motion
 
 
 def _number_rows(key: npt.NDArray[np.int32]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
