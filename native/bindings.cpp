@@ -478,16 +478,16 @@ NB_MODULE(_native, m) {
     m.def(
         "multiplane_smooth",
         [](const DepthPlanes& planes, Array<const std::int32_t, -1> slots, Array<const Half, -1> halves,
-           Array<const float, -1> sigma, Array<const std::int32_t, -1> places, Array<const std::int32_t, -1, 3> parts,
-           int first, int last, Array<Half, -1> smoothed) {
+           Array<const float, -1> sigma, Array<const std::int32_t, -1> cells, Array<const std::int32_t, -1> places,
+           Array<const std::int32_t, -1, 3> parts, int first, int last, Array<Half, -1> smoothed) {
             for (int part = first; part < last; ++part) {
                 const std::int32_t* row = parts.data() + std::ptrdiff_t{3} * part;
-                multiplane_smooth(planes.with_slots(slots.data()), halves.data(), sigma.data()[row[0]], places.data(),
-                                  {row[0], row[1], row[2]}, smoothed.data());
+                multiplane_smooth(planes.with_slots(slots.data()), halves.data(), sigma.data()[row[0]],
+                                  cells.data()[row[0]], places.data(), {row[0], row[1], row[2]}, smoothed.data());
             }
         },
-        "planes"_a, "slots"_a, "halves"_a, "sigma"_a, "places"_a, "parts"_a, "first"_a, "last"_a, "smoothed"_a,
-        nb::call_guard<nb::gil_scoped_release>());
+        "planes"_a, "slots"_a, "halves"_a, "sigma"_a, "cells"_a, "places"_a, "parts"_a, "first"_a, "last"_a,
+        "smoothed"_a, nb::call_guard<nb::gil_scoped_release>());
     m.def(
         "multiplane_render",
         [](const DepthPlanes& planes, Array<const std::int32_t, -1> slots, Array<const Half, -1> built,

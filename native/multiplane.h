@@ -54,8 +54,9 @@ void multiplane_build(const LightField& field, const std::int16_t* plane_of, con
                       const PlanePart& part, Half* halves);
 
 // Smooths the blocks of a part for which `places` has room, of `smoothed`; `places` is as `set.slots`. The Gaussian's
-// standard deviation is in pixels.
-void multiplane_smooth(const PlaneSet& set, const Half* halves, float sigma, const std::int32_t* places,
+// standard deviation is in pixels. The smoothed blocks have so many cells per pixel and axis: the plane's own, or one
+// where it has two.
+void multiplane_smooth(const PlaneSet& set, const Half* halves, float sigma, int cells, const std::int32_t* places,
                        const PlanePart& part, Half* smoothed);
 
 // Where blocks are: planes are smoothed, or as they were built.

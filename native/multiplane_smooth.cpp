@@ -9,8 +9,9 @@
 namespace fewrays {
 namespace {
 
-constexpr int most_reach = 32;     // cells; a wider Gaussian is cut off
-constexpr int region_cells = 192;  // of a region's sides, at most
+constexpr int map_cells = (block_rows + 1) * (block_columns + 1);  // of one of a block's maps
+constexpr int most_reach = 32;                                     // cells; a wider Gaussian is cut off
+constexpr int region_cells = 192;                                  // of a region's sides, at most
 
 // Cells [row, row + rows) x [column, column + columns) of a plane, as floats; 0 where it has no block.
 class Region {
@@ -23,7 +24,7 @@ public:
     std::size_t size() const { return static_cast<std::size_t>(rows) * static_cast<std::size_t>(columns); }
     float* channel(int c) { return values_.data() + static_cast<std::size_t>(c) * size(); }
 
-    const int row, column, rows, columns;
+    int row, column, rows, columns;
 
 private:
     std::vector<float> values_;
@@ -37,23 +38,36 @@ void unpack_row(const Half* FEWRAYS_RESTRICT halves, int count, int step, float*
         for (int i = 0; i < count; ++i) out[i * step] = from_half(halves[i]);
 }
 
-// Reads what a region has of one block.
-template <int cells>
+// Means of the 2 x 2 cells of pixels, which lie at the same place of four maps.
+FEWRAYS_CLONES
+void average_row(const Half* FEWRAYS_RESTRICT halves, int count, float* FEWRAYS_RESTRICT out) {
+    constexpr float quarter = 0.25f * half_bias;
+    for (int i = 0; i < count; ++i)
+        out[i] = quarter * (half_bits(halves[i]) + half_bits(halves[i + map_cells]) +
+                            half_bits(halves[i + 2 * map_cells]) + half_bits(halves[i + 3 * map_cells]));
+}
+
+// Reads what a region has of one block, or with `factor` 2 the means of its pixels.
+template <int cells, int factor>
 void read_block(const Half* block, int block_row, int block_column, Region& region) {
-    const int top = block_row * block_rows * cells - region.row,
-              left = block_column * block_columns * cells - region.column;
+    constexpr int own = cells / factor;
+    const int top = block_row * block_rows * own - region.row,
+              left = block_column * block_columns * own - region.column;
     for (int c = 0; c < block_channels; ++c)
-        for (int b = 0; b < cells; ++b)
-            for (int a = 0; a < cells; ++a) {
-                const Half* map =
-                    block + std::ptrdiff_t{(c * cells + b) * cells + a} * (block_rows + 1) * (block_columns + 1);
-                const int begin = left + a >= 0 ? 0 : (-left - a + cells - 1) / cells;
-                const int end = std::min(block_columns, (region.columns - left - a + cells - 1) / cells);
+        for (int b = 0; b < own; ++b)
+            for (int a = 0; a < own; ++a) {
+                const Half* map = block + std::ptrdiff_t{c * cells * cells + b * own + a} * map_cells;
+                const int begin = left + a >= 0 ? 0 : (-left - a + own - 1) / own;
+                const int end = std::min(block_columns, (region.columns - left - a + own - 1) / own);
                 for (int j = 0; j < block_rows; ++j) {
-                    const int row = top + j * cells + b;
+                    const int row = top + j * own + b;
                     if (row < 0 || row >= region.rows || begin >= end) continue;
-                    unpack_row(map + j * (block_columns + 1) + begin, end - begin, cells,
-                               region.channel(c) + std::ptrdiff_t{row} * region.columns + left + a + begin * cells);
+                    const Half* from = map + j * (block_columns + 1) + begin;
+                    float* to = region.channel(c) + std::ptrdiff_t{row} * region.columns + left + a + begin * own;
+                    if constexpr (factor == 2)
+                        average_row(from, end - begin, to);
+                    else
+                        unpack_row(from, end - begin, own, to);
                 }
             }
 }
@@ -115,63 +129,73 @@ Span wanted_in(const std::int32_t* places, const DepthPlane& plane, const Span& 
     return span;
 }
 
-template <int cells>
-void smooth_span(const PlaneSet& set, const Half* halves, const DepthPlane& plane, const Span& span,
-                 const std::vector<float>& taps, const std::int32_t* places, Half* smoothed) {
-    constexpr int width = block_columns * cells, height = block_rows * cells;
-    const int reach = static_cast<int>(taps.size()) - 1;
+// Reads what lies in and around a span of blocks; with `factor` 2 half as many cells as blocks have along each axis.
+template <int cells, int factor>
+Region read_region(const PlaneSet& set, const Half* halves, const DepthPlane& plane, const Span& span, int reach) {
+    constexpr int own = cells / factor, width = block_columns * own, height = block_rows * own;
     // The blocks' last rows and columns repeat what follows on them.
     Region region(span.top * height - reach, span.left * width - reach,
-                  (span.bottom - span.top) * height + cells + 2 * reach,
-                  (span.right - span.left) * width + cells + 2 * reach);
+                  (span.bottom - span.top) * height + own + 2 * reach,
+                  (span.right - span.left) * width + own + 2 * reach);
     const int around_rows = (reach + height) / height, around_columns = (reach + width) / width;
     for (int row = std::max(span.top - around_rows, 0); row < std::min(span.bottom + around_rows, plane.rows); ++row)
         for (int column = std::max(span.left - around_columns, 0);
              column < std::min(span.right + around_columns, plane.columns); ++column)
-            if (const std::int32_t own = set.slots[plane.first_slot + std::ptrdiff_t{row} * plane.columns + column];
-                own >= 0)
-                read_block<cells>(halves + half_padding + own * unit_halves, row, column, region);
-    std::vector<float> spare(region.size());
-    for (int c = 0; c < block_channels; ++c) {
-        blur_down(region.channel(c), region.rows, region.columns, taps.data(), reach, spare.data());
-        blur_across(spare.data(), region.rows, region.columns, taps.data(), reach, region.channel(c));
-    }
+            if (const std::int32_t slot = set.slots[plane.first_slot + std::ptrdiff_t{row} * plane.columns + column];
+                slot >= 0)
+                read_block<cells, factor>(halves + half_padding + slot * unit_halves, row, column, region);
+    return region;
+}
+
+template <int cells>
+void write_span(Region& region, const DepthPlane& plane, const Span& span, const std::int32_t* places, Half* smoothed) {
     const float* const sources[block_channels] = {region.channel(0), region.channel(1), region.channel(2),
                                                   region.channel(3)};
     for (int row = span.top; row < span.bottom; ++row)
         for (int column = span.left; column < span.right; ++column)
             if (const std::int32_t own = places[plane.first_slot + std::ptrdiff_t{row} * plane.columns + column];
                 own >= 0)
-                write_block<cells>(sources, region.columns, row * height - region.row, column * width - region.column,
+                write_block<cells>(sources, region.columns, row * block_rows * cells - region.row,
+                                   column * block_columns * cells - region.column,
                                    smoothed + half_padding + own * unit_halves);
 }
 
-template <int cells>
+template <int cells, int factor>
 void smooth(const PlaneSet& set, const Half* halves, float sigma, const std::int32_t* places, const PlanePart& part,
             Half* smoothed) {
+    constexpr int own = cells / factor;
     const DepthPlane& plane = set.planes[part.plane];
-    const std::vector<float> taps = gaussian_taps(sigma * static_cast<float>(cells));
-    constexpr int down = region_cells / (block_rows * cells), across = region_cells / (block_columns * cells);
+    const std::vector<float> taps = gaussian_taps(sigma * static_cast<float>(own));
+    const int reach = static_cast<int>(taps.size()) - 1;
+    constexpr int down = region_cells / (block_rows * own), across = region_cells / (block_columns * own);
     for (int top = part.first_row; top < part.last_row; top += down)
         for (int left = 0; left < plane.columns; left += across) {
             const Span span =
                 wanted_in(places, plane,
                           {top, std::min(top + down, part.last_row), left, std::min(left + across, plane.columns)});
-            if (span.top < span.bottom) smooth_span<cells>(set, halves, plane, span, taps, places, smoothed);
+            if (span.top >= span.bottom) continue;
+            Region region = read_region<cells, factor>(set, halves, plane, span, reach);
+            std::vector<float> spare(region.size());
+            for (int c = 0; c < block_channels; ++c) {
+                blur_down(region.channel(c), region.rows, region.columns, taps.data(), reach, spare.data());
+                blur_across(spare.data(), region.rows, region.columns, taps.data(), reach, region.channel(c));
+            }
+            write_span<own>(region, plane, span, places, smoothed);
         }
 }
 
 }  // namespace
 
-void multiplane_smooth(const PlaneSet& set, const Half* halves, float sigma, const std::int32_t* places,
+void multiplane_smooth(const PlaneSet& set, const Half* halves, float sigma, int cells, const std::int32_t* places,
                        const PlanePart& part, Half* smoothed) {
     switch (set.planes[part.plane].cells) {
         case 1:
-            return smooth<1>(set, halves, sigma, places, part, smoothed);
+            return smooth<1, 1>(set, halves, sigma, places, part, smoothed);
         case 2:
-            return smooth<2>(set, halves, sigma, places, part, smoothed);
+            if (cells == 1) return smooth<2, 2>(set, halves, sigma, places, part, smoothed);
+            return smooth<2, 1>(set, halves, sigma, places, part, smoothed);
         default:
-            return smooth<3>(set, halves, sigma, places, part, smoothed);
+            return smooth<3, 1>(set, halves, sigma, places, part, smoothed);
     }
 }
 

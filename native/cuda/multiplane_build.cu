@@ -1,6 +1,8 @@
 // From samples to planes on a GPU. Twin of src/fewrays/multiplane/reference.py and slabs.py.
 //
-// 1. multiplane_keys sorts every sample into a slab, by its slope, and a cell, by its motion.
+// 1. multiplane_keys sorts every sample into a slab, by its slope, and a cell, by its motion; multiplane_means finds
+// out
+//    where the planes stand.
 // 2. multiplane_mark finds the block that each sample hits; multiplane_tiles the tiles that have blocks.
 // 3. multiplane_evidence adds up, in every plane, the rays that hit or pass its cells.
 // 4. multiplane_sums adds up cells to ever wider ones, tile by tile.
@@ -29,15 +31,21 @@ struct KeyArguments {
     double motion_cell, farthest;            // pixels of motion of a cell, and beyond which cells are not told apart
     double c0, c1;
     std::int64_t* keys;     // (samples): (slab - first_slab) side² + motion cell; -1 for those dropped
+    float* seen;            // (samples, 3): slope at half time, and motion along x and y, of what the lens centre sees
     std::uint8_t* present;  // for every key, 1 where any sample has it; or null
     std::int32_t first_slab, middle, side;
 };
 
+FEWRAYS_INLINE double limited(double slope, const KeyArguments& a) {
+    return std::fmin(std::fmax(slope, -a.most_blur), a.most_blur);
+}
+
 FEWRAYS_INLINE int slab_of(const KeyArguments& a, double slope) {
-    slope = std::fmin(std::fmax(slope, -a.most_blur), a.most_blur);
-    const double size = std::fabs(slope);
-    const double beyond = a.linear_to * (1 + std::log(std::fmax(size, a.linear_to) / a.linear_to));
-    const double distance = (size <= a.linear_to ? size : beyond) / a.thickness;
+    constexpr double wide = 4.0;  // times the blur up to which slabs are even
+    const double times = std::fabs(slope) / a.linear_to;
+    const double beyond =
+        1 + std::log(std::fmin(std::fmax(times, 1.0), wide)) + 2 - 2 / std::sqrt(std::fmax(times / wide, 1.0));
+    const double distance = (times <= 1 ? times : beyond) * (a.linear_to / a.thickness);
     return static_cast<int>(std::floor(std::copysign(distance, slope) + 0.5));
 }
 
@@ -61,28 +69,81 @@ FEWRAYS_INLINE CenterPath center_path(const KeyArguments& a, std::int64_t i) {
 }
 
 FEWRAYS_INLINE int motion_cell_of(const KeyArguments& a, double moved) {
-    moved = std::fmin(std::fmax(moved, -a.farthest), a.farthest);
     return static_cast<int>(std::floor(moved / a.motion_cell + 0.5)) + a.middle;
 }
 
 inline void run_multiplane_keys(const KeyArguments& a, const Block& block, NothingShared&) {
     each_sample(block, a.samples, [&](std::int64_t i) {
         a.keys[i] = -1;
-        if (is_dropped(a.samples, i)) return;
-        int slab = slab_of(a, slope(a.samples.depth[i], a.samples.c0, a.samples.c1));
-        int along = a.middle, down = a.middle;
+        double c = slope(a.samples.depth[i], a.samples.c0, a.samples.c1), moved[2] = {};
         if (a.samples.motion) {
             const CenterPath path = center_path(a, i);
             const double least = static_cast<double>(nearest_depth) * a.samples.depth[i];
-            if (path.depth(0.5) >= least) slab = slab_of(a, a.c0 / path.depth(0.5) + a.c1);
-            if (path.depth(0) >= least && path.depth(1) >= least) {
-                along = motion_cell_of(a, path.at(0, 1) - path.at(0, 0));
-                down = motion_cell_of(a, path.at(1, 1) - path.at(1, 0));
-            }
+            if (path.depth(0.5) >= least) c = a.c0 / path.depth(0.5) + a.c1;
+            for (int axis = 0; axis < 2 && path.depth(0) >= least && path.depth(1) >= least; ++axis)
+                moved[axis] = std::fmin(std::fmax(path.at(axis, 1) - path.at(axis, 0), -a.farthest), a.farthest);
         }
-        const std::int64_t key = (static_cast<std::int64_t>(slab - a.first_slab) * a.side + along) * a.side + down;
+        c = limited(c, a);
+        a.seen[3 * i] = static_cast<float>(c);
+        for (int axis = 0; axis < 2; ++axis) a.seen[3 * i + 1 + axis] = static_cast<float>(moved[axis]);
+        if (is_dropped(a.samples, i)) return;
+        const std::int64_t cell =
+            static_cast<std::int64_t>(motion_cell_of(a, moved[0])) * a.side + motion_cell_of(a, moved[1]);
+        const std::int64_t key = static_cast<std::int64_t>(slab_of(a, c) - a.first_slab) * a.side * a.side + cell;
         a.keys[i] = key;
         if (a.present) a.present[key] = 1;
+    });
+}
+
+FEWRAYS_INLINE int plane_of_key(std::int64_t key, const std::int64_t* plane_keys, int count) {
+    return last_not_above(key, count, [&](int k) { return plane_keys[k]; });
+}
+
+// Sums over the samples of a plane: their number, slopes, and motion along x and y, in units.
+struct PlaneTally {
+    std::uint64_t sums[4];
+};
+
+constexpr int means_each = 16;     // samples of a thread
+constexpr int most_tallies = 512;  // planes that a block of threads adds up by itself
+constexpr float mean_unit = 65536.0f;
+
+struct MeansArguments {
+    const std::int64_t *keys, *plane_keys;  // (samples), and of the planes, ascending
+    const float* seen;                      // (samples, 3): slope, and motion along x and y
+    PlaneTally* tallies;                    // (count)
+    std::int64_t samples;
+    std::int32_t count, unused;
+};
+
+struct MeansShared {
+    PlaneTally tallies[most_tallies];
+};
+
+// Planes stand where their samples are on average.
+inline void run_multiplane_means(const MeansArguments& a, const Block& block, MeansShared& shared) {
+    const int own_tallies = a.count <= most_tallies ? a.count : 0;
+    PlaneTally* const tallies = own_tallies ? shared.tallies : a.tallies;
+    block.each([&](int thread) {
+        for (int k = thread; k < own_tallies; k += sample_threads) shared.tallies[k] = {};
+    });
+    block.each([&](int thread) {
+        const std::int64_t first = static_cast<std::int64_t>(block.x()) * sample_threads * means_each + thread;
+        for (int k = 0; k < means_each; ++k) {
+            const std::int64_t i = first + static_cast<std::int64_t>(k) * sample_threads;
+            if (i >= a.samples) break;
+            if (a.keys[i] < 0) continue;
+            PlaneTally& tally = tallies[plane_of_key(a.keys[i], a.plane_keys, a.count)];
+            atomic_increase(&tally.sums[0], std::uint64_t{1});
+            for (int c = 0; c < 3; ++c)
+                if (a.seen[3 * i + c] != 0.0f)
+                    atomic_increase(&tally.sums[1 + c], in_units(a.seen[3 * i + c], mean_unit));
+        }
+    });
+    block.each([&](int thread) {
+        for (int k = thread; k < 4 * own_tallies; k += sample_threads)
+            if (shared.tallies[k / 4].sums[k % 4] != 0)
+                atomic_increase(&a.tallies[k / 4].sums[k % 4], shared.tallies[k / 4].sums[k % 4]);
     });
 }
 
@@ -90,6 +151,7 @@ struct MarkArguments {
     DeviceSamples samples;
     const DepthPlane* planes;
     const std::int64_t *keys, *plane_keys;  // (samples), and of the planes, ascending
+    const std::int16_t* ranks;              // of these among all planes, front to back
     std::int16_t* plane_of;                 // (samples): -1 for those dropped
     float* places;                          // (samples, 2): where the lens centre sees the surface at half time
     std::uint8_t* marks;                    // of every place for a block: 1 where a sample touches it
@@ -104,7 +166,7 @@ inline void run_multiplane_mark(const MarkArguments& a, const Block& block, Noth
         a.plane_of[i] = -1;
         a.places[2 * i] = a.places[2 * i + 1] = 0.0f;
         if (a.keys[i] < 0) return;
-        const int number = last_not_above(a.keys[i], a.count, [&](int k) { return a.plane_keys[k]; });
+        const int number = a.ranks[plane_of_key(a.keys[i], a.plane_keys, a.count)];
         a.plane_of[i] = static_cast<std::int16_t>(number);
         const DepthPlane plane = a.planes[number];
         const float u = s.uv[2 * i], v = s.uv[2 * i + 1];
@@ -452,6 +514,7 @@ inline void run_multiplane_estimate(const EstimateArguments& a, const Block& blo
 }  // namespace fewrays
 
 FEWRAYS_KERNEL(multiplane_keys, fewrays::sample_threads, fewrays::KeyArguments, fewrays::NothingShared)
+FEWRAYS_KERNEL(multiplane_means, fewrays::sample_threads, fewrays::MeansArguments, fewrays::MeansShared)
 FEWRAYS_KERNEL(multiplane_mark, fewrays::sample_threads, fewrays::MarkArguments, fewrays::NothingShared)
 FEWRAYS_KERNEL(multiplane_tiles, fewrays::sample_threads, fewrays::TileArguments, fewrays::NothingShared)
 FEWRAYS_KERNEL(multiplane_evidence, fewrays::sample_threads, fewrays::EvidenceArguments, fewrays::NothingShared)

@@ -30,7 +30,9 @@ struct RenderArguments {
     const DepthPlane* planes;         // (count), front to back
     const float* shrink;              // (count): scale of offsets and lens points
     const float* reach;               // (count): pixels that any view shifts each plane, at most
-    const HalfTexel* const* sources;  // (count): where each plane's blocks are numbered from
+    const HalfTexel* const* sources;  // (count): each plane's blocks
+    const std::int32_t* first_maps;   // (count): number of the first of them in `slots`
+    const std::int32_t* shifts;       // (count): 2 where a smoothed plane has one map for four of the plane, else 0
     const std::int32_t* slots;        // of each place for a block, the number of its first map; -1 without one
     const float* views;               // (view_count, 6): u, v, time, offset from the pixel's centre (x, y), weight
     float* image;                     // (height, width, 4): radiance, and the share of the light that planes know
@@ -43,6 +45,7 @@ struct RenderArguments {
 struct PlaneView {
     const HalfTexel* source;
     const std::int32_t* slots;
+    std::int32_t first_map, shift;
     std::int32_t column, row, columns, rows;
     std::int32_t at[4];
     float weights[4];
@@ -102,7 +105,16 @@ inline int near_before(const RenderShared& shared, int first, int n) {
 inline PlaneView view_of(const RenderArguments& a, int k, const float* view) {
     const DepthPlane plane = a.planes[k];
     const Taps taps = taps_of(plane, shift_of(plane, a.shrink[k], view));
-    PlaneView seen{a.sources[k], a.slots + plane.first_slot, taps.column, taps.row, plane.columns, plane.rows, {}, {},
+    PlaneView seen{a.sources[k],
+                   a.slots + plane.first_slot,
+                   a.first_maps[k],
+                   a.shifts[k],
+                   taps.column,
+                   taps.row,
+                   plane.columns,
+                   plane.rows,
+                   {},
+                   {},
                    plane.scale};
     for (int tap = 0; tap < 4; ++tap) {
         seen.at[tap] = static_cast<std::int32_t>(taps.at[tap]);
@@ -118,7 +130,8 @@ inline void lay_behind(const PlaneView& plane, int row, int column, RenderPixel&
     if (block_row < 0 || block_row >= plane.rows || block_column < 0 || block_column >= plane.columns) return;
     const std::int32_t slot = plane.slots[block_row * plane.columns + block_column];
     if (slot < 0) return;
-    const HalfTexel* const place = plane.source + static_cast<std::int64_t>(slot) * map_size +
+    const HalfTexel* const place = plane.source +
+                                   static_cast<std::int64_t>((slot - plane.first_map) >> plane.shift) * map_size +
                                    (i & (block_rows - 1)) * map_row + (j & (block_columns - 1));
     Values values{};
     for (int tap = 0; tap < 4; ++tap) add(values, plane.weights[tap], load(place + plane.at[tap]));
@@ -218,25 +231,37 @@ struct SmoothArguments {
     const std::int32_t* blocks;  // numbers of the places that have a block, in order
     const float* sigma;          // (count): standard deviation in pixels
     const HalfTexel* built;
-    HalfTexel* smoothed;             // of the planes from `first_plane` on
-    std::int32_t count;              // of planes
-    std::int32_t first_block;        // of those that are made
-    std::int32_t first_slot, place;  // the first one's slot, and its place in `smoothed`, both in maps
+    HalfTexel* smoothed;            // blocks of the planes that are made, one after the other
+    std::int32_t count;             // of planes
+    std::int32_t first_block, end;  // those that are made are [first_block, end)
 };
 
-template <int cells>
+FEWRAYS_INLINE float wide(float value) { return value; }
+
+template <bool condition>
+struct Stored {
+    using Number = Half;
+};
+template <>
+struct Stored<true> {
+    using Number = float;  // means of halves are none
+};
+
+// A block of a plane with `cells` per pixel and axis, of which every `factor` times `factor` become one.
+template <int cells, int factor>
 struct SmoothShared {
-    static constexpr int rows = (block_rows + 1) * cells, columns = map_row * cells;  // that are made
+    static constexpr int own = cells / factor;
+    static constexpr int rows = (block_rows + 1) * own, columns = map_row * own;  // that are made
     static constexpr int stride = columns + 2 * most_reach;
     std::int32_t plane, reach;
     float taps[most_reach + 1];
     float down[rows * stride];
-    Half cells_around[(rows + 2 * most_reach) * stride];
+    typename Stored<(factor > 1)>::Number cells_around[(rows + 2 * most_reach) * stride];
 };
 
 // One channel of a plane's cell, as bits; 0 where there is no block.
 template <int cells>
-inline Half cell_of(const SmoothArguments& a, const DepthPlane& plane, int row, int column, int channel) {
+FEWRAYS_INLINE Half cell_of(const SmoothArguments& a, const DepthPlane& plane, int row, int column, int channel) {
     constexpr int height = block_rows * cells, width = block_columns * cells;
     if (row < 0 || row >= plane.rows * height || column < 0 || column >= plane.columns * width) return 0;
     const std::int32_t slot = a.slots[plane.first_slot + row / height * plane.columns + column / width];
@@ -245,14 +270,29 @@ inline Half cell_of(const SmoothArguments& a, const DepthPlane& plane, int row, 
         .channels[channel];
 }
 
-template <int cells>
-inline void smooth_block(const SmoothArguments& a, const Block& block, SmoothShared<cells>& shared) {
-    using Shared = SmoothShared<cells>;
+// The same of `factor` times `factor` cells together.
+template <int cells, int factor>
+FEWRAYS_INLINE typename Stored<(factor > 1)>::Number mean_of(const SmoothArguments& a, const DepthPlane& plane, int row,
+                                                             int column, int channel) {
+    if constexpr (factor == 1) {
+        return cell_of<cells>(a, plane, row, column, channel);
+    } else {
+        float sum = 0.0f;
+        for (int k = 0; k < factor * factor; ++k)
+            sum += wide(cell_of<cells>(a, plane, row * factor + k / factor, column * factor + k % factor, channel));
+        return sum / (factor * factor);
+    }
+}
+
+template <int cells, int factor>
+inline void smooth_block(const SmoothArguments& a, const Block& block, SmoothShared<cells, factor>& shared) {
+    using Shared = SmoothShared<cells, factor>;
+    constexpr int own = Shared::own;
     const std::int32_t place = a.blocks[a.first_block + block.x()];
     block.each([&](int thread) {
         if (thread > 0) return;
         shared.plane = plane_of_block(a.planes, a.count, place);
-        const float sigma = a.sigma[shared.plane] * static_cast<float>(cells);
+        const float sigma = a.sigma[shared.plane] * static_cast<float>(own);
         shared.reach = std::min(static_cast<int>(std::ceil(3.0f * sigma)), most_reach);
         float total = 0.0f;
         for (int k = 0; k <= shared.reach; ++k) {
@@ -264,18 +304,18 @@ inline void smooth_block(const SmoothArguments& a, const Block& block, SmoothSha
     });
     const DepthPlane plane = a.planes[shared.plane];
     const int number = place - plane.first_slot, reach = shared.reach;
-    const int top = number / plane.columns * block_rows * cells, left = number % plane.columns * block_columns * cells;
+    const int top = number / plane.columns * block_rows * own, left = number % plane.columns * block_columns * own;
     const int rows = Shared::rows + 2 * reach, columns = Shared::columns + 2 * reach;
-    HalfTexel* const to = a.smoothed + static_cast<std::int64_t>(a.slots[place] - a.first_slot + a.place) * map_size;
+    HalfTexel* const to = a.smoothed + static_cast<std::int64_t>(block.x()) * own * own * map_size;
     for (int channel = 0; channel < 4; ++channel) {
         block.each([&](int thread) {
             for (int i = thread; i < rows * columns; i += smooth_threads)
                 shared.cells_around[i / columns * Shared::stride + i % columns] =
-                    cell_of<cells>(a, plane, top - reach + i / columns, left - reach + i % columns, channel);
+                    mean_of<cells, factor>(a, plane, top - reach + i / columns, left - reach + i % columns, channel);
         });
         block.each([&](int thread) {
             for (int i = thread; i < Shared::rows * columns; i += smooth_threads) {
-                const Half* const middle = shared.cells_around + (i / columns + reach) * Shared::stride + i % columns;
+                const auto* const middle = shared.cells_around + (i / columns + reach) * Shared::stride + i % columns;
                 float sum = shared.taps[0] * wide(*middle);
                 for (int k = 1; k <= reach; ++k)
                     sum += shared.taps[k] * (wide(middle[-k * Shared::stride]) + wide(middle[k * Shared::stride]));
@@ -288,25 +328,35 @@ inline void smooth_block(const SmoothArguments& a, const Block& block, SmoothSha
                 const float* const middle = shared.down + row * Shared::stride + column + reach;
                 float sum = shared.taps[0] * middle[0];
                 for (int k = 1; k <= reach; ++k) sum += shared.taps[k] * (middle[-k] + middle[k]);
-                to[place_of_cell(cells, row, column)].channels[channel] = to_half(sum);
+                to[place_of_cell(own, row, column)].channels[channel] = to_half(sum);
             }
         });
     }
 }
 
-inline void run_multiplane_smooth_1(const SmoothArguments& a, const Block& block, SmoothShared<1>& shared) {
-    smooth_block<1>(a, block, shared);
+using SmoothShared11 = SmoothShared<1, 1>;
+using SmoothShared21 = SmoothShared<2, 1>;
+using SmoothShared22 = SmoothShared<2, 2>;
+using SmoothShared31 = SmoothShared<3, 1>;
+
+// By cells per pixel of the plane, and how many of them become one along each axis.
+inline void run_multiplane_smooth_1_1(const SmoothArguments& a, const Block& block, SmoothShared11& shared) {
+    smooth_block<1, 1>(a, block, shared);
 }
-inline void run_multiplane_smooth_2(const SmoothArguments& a, const Block& block, SmoothShared<2>& shared) {
-    smooth_block<2>(a, block, shared);
+inline void run_multiplane_smooth_2_1(const SmoothArguments& a, const Block& block, SmoothShared21& shared) {
+    smooth_block<2, 1>(a, block, shared);
 }
-inline void run_multiplane_smooth_3(const SmoothArguments& a, const Block& block, SmoothShared<3>& shared) {
-    smooth_block<3>(a, block, shared);
+inline void run_multiplane_smooth_2_2(const SmoothArguments& a, const Block& block, SmoothShared22& shared) {
+    smooth_block<2, 2>(a, block, shared);
+}
+inline void run_multiplane_smooth_3_1(const SmoothArguments& a, const Block& block, SmoothShared31& shared) {
+    smooth_block<3, 1>(a, block, shared);
 }
 
 }  // namespace fewrays
 
 FEWRAYS_KERNEL(multiplane_render, fewrays::render_threads, fewrays::RenderArguments, fewrays::RenderShared)
-FEWRAYS_KERNEL(multiplane_smooth_1, fewrays::smooth_threads, fewrays::SmoothArguments, fewrays::SmoothShared<1>)
-FEWRAYS_KERNEL(multiplane_smooth_2, fewrays::smooth_threads, fewrays::SmoothArguments, fewrays::SmoothShared<2>)
-FEWRAYS_KERNEL(multiplane_smooth_3, fewrays::smooth_threads, fewrays::SmoothArguments, fewrays::SmoothShared<3>)
+FEWRAYS_KERNEL(multiplane_smooth_1_1, fewrays::smooth_threads, fewrays::SmoothArguments, fewrays::SmoothShared11)
+FEWRAYS_KERNEL(multiplane_smooth_2_1, fewrays::smooth_threads, fewrays::SmoothArguments, fewrays::SmoothShared21)
+FEWRAYS_KERNEL(multiplane_smooth_2_2, fewrays::smooth_threads, fewrays::SmoothArguments, fewrays::SmoothShared22)
+FEWRAYS_KERNEL(multiplane_smooth_3_1, fewrays::smooth_threads, fewrays::SmoothArguments, fewrays::SmoothShared31)

@@ -8,9 +8,9 @@
     JSON      {"height": …, "width": …, "lens": {…}, "planes": K}
     zlib      tables, then blocks
 
-All numbers are little-endian. The tables are those of `Shear`, `Maps` and `Grid`, in the order of `_TABLES`, and one
-bit for each place of a block, the first in the highest of a byte: whether there is one. So where blocks lie
-takes no numbers that could be wrong.
+All numbers are little-endian. The tables are those of `Shear`, `Maps` and `Grid`, in the order of `_TABLES`,
+and one bit for each place of a block, the first in the highest of a byte: whether there is one. So where
+blocks lie takes no numbers that could be wrong.
 
 Blocks come plane by plane in runs of at most 64. The half-precision numbers of a run are turned into others
 that deflate better and lose nothing (`_encode`), and stored as all their upper bytes and then all their lower
@@ -62,7 +62,7 @@ _MOST_PLANES = 2**15 - 1
 _MOST_PLACES = 2**28  # for blocks
 _FREE_PLACES = 2**20  # that a file of any length may have: 5 MB
 _FARTHEST = 2.0**22  # pixels
-_LARGEST_SCALE = 2.0**127
+_LARGEST_SCALE = 2.0**100  # sums of many planes stay finite
 _RUN = 64  # blocks
 _CHUNK = 2**16  # bytes of the file read at a time
 
@@ -242,7 +242,7 @@ def _check_tables(shear: Shear, scale: Float64, grid: Grid) -> None:
     _check("slope", shear.slope, np.abs(shear.slope) <= _FARTHEST, far)
     _check("slope", shear.slope, np.diff(shear.slope, prepend=-np.inf) >= 0, "one not below the one before")
     _check("motion", shear.motion, np.abs(shear.motion) <= _FARTHEST, far)
-    _check("scale", scale, (scale > 0) & (scale <= _LARGEST_SCALE), "a positive, finite number")
+    _check("scale", scale, (scale > 0) & (scale <= _LARGEST_SCALE), "a positive number of at most 2^100")
     _check("cells", grid.cells, (grid.cells >= 1) & (grid.cells <= 3), "1, 2 or 3")
     _check("corner", grid.corner, np.abs(grid.corner.astype(np.int64)) <= _FARTHEST, far)
     most = _FARTHEST / np.array(BLOCK[::-1])

@@ -38,7 +38,7 @@ from fewrays.multiplane.build import BuildOptions, lay_out
 from fewrays.multiplane.maps import BLOCK, Shear
 from fewrays.multiplane.render import RenderOptions, shrink_of
 from fewrays.multiplane.slabs import assign_planes
-from fewrays.multiplane.smoothing import smoothing_of
+from fewrays.multiplane.smoothing import Smoothing
 from fewrays.parallel import Execution, progress_bar
 from fewrays.samples import SampleBuffer
 from fewrays.temporal.reprojection import Paths
@@ -162,7 +162,8 @@ def build(samples: SampleBuffer, options: BuildOptions, execution: Execution) ->
     """Sort samples into planes and estimate each plane's opacity and radiance."""
     rule = options.slab_rule(samples)
     assignment = assign_planes(samples, rule)
-    shear, grid = lay_out(assignment, samples, options)
+    layout = lay_out(assignment, samples, options)
+    shear, grid = layout.shear, layout.grid
     rays = _Rays.of_samples(samples, rule.most_blur)
     planes = []
     with progress_bar(len(shear.slope), "multiplane: build", show=execution.progress, unit="plane") as bar:
@@ -352,10 +353,10 @@ def render(planes: Planes, lens: Lens | None, options: RenderOptions, execution:
     """
     planes = planes if lens is None else _through(planes, lens)
     where = options.locations(planes.lens)
-    sigma = smoothing_of(planes.shear.slope, where, options.smoothing)
-    planes = _smoothed(planes, sigma)
-    cells = np.array([plane.cells for plane in planes.planes])
-    shrink = shrink_of(planes.shear.slope, cells, sigma, where)
+    cells = np.array([plane.cells for plane in planes.planes], np.int32)
+    smoothing = Smoothing.of_views(planes.shear.slope, cells, where, options.smoothing)
+    planes = _smoothed(planes, smoothing)
+    shrink = shrink_of(planes.shear.slope, smoothing.variance, where)
     rim = options.vignetting().front_rim(where.uv, planes.height, planes.width)
     pixels = np.stack(np.meshgrid(np.arange(planes.width), np.arange(planes.height)), axis=-1) + 0.5
     sums = np.zeros((planes.height, planes.width, 3))
@@ -383,12 +384,15 @@ def _through(planes: Planes, lens: Lens) -> Planes:
     return replace(planes, lens=lens, shear=replace(planes.shear, slope=slope), planes=moved)
 
 
-def _smoothed(planes: Planes, sigma: Float64) -> Planes:
-    """Smooth planes by Gaussians of standard deviations (K,) in pixels."""
-    soft = [
-        replace(plane, layer=_smooth(plane.layer, float(own) * plane.cells))
-        for plane, own in zip(planes.planes, sigma, strict=True)
-    ]
+def _smoothed(planes: Planes, smoothing: Smoothing) -> Planes:
+    """Smooth planes by Gaussians, and take means of their cells where these are wide."""
+    soft = []
+    for plane, sigma, cells in zip(planes.planes, smoothing.sigma, smoothing.cells, strict=True):
+        factor = plane.cells // int(cells)
+        layer = _halved(plane.layer) / 4 if factor == 2 else plane.layer
+        kept = plane.kept[::factor, ::factor]
+        layer = _smooth(layer, float(sigma) * int(cells))
+        soft.append(replace(plane, cells=int(cells), kept=kept, layer=layer))
     return replace(planes, planes=soft)
 
 

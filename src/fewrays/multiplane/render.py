@@ -12,7 +12,7 @@ looked at from lens points, and places within the pixel, that are closer togethe
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,8 +23,8 @@ from fewrays import _native
 from fewrays.aperture_options import ApertureOptions
 from fewrays.errors import require_option
 from fewrays.lens import Lens
-from fewrays.multiplane.maps import Maps
-from fewrays.multiplane.smoothing import Band, farthest_shift, smoothed_bands, smoothing_of
+from fewrays.multiplane.maps import Maps, native_planes
+from fewrays.multiplane.smoothing import Smoothing, band_rows, farthest_shift, smooth_band
 from fewrays.parallel import Execution, map_ranges, progress_bar
 from fewrays.pixel_filter import PixelFilter, PixelFilterShape
 from fewrays.temporal.locations import Locations, make_locations
@@ -99,55 +99,54 @@ def render_maps(
     seen = maps.through(lens or maps.lens)
     where = options.locations(seen.lens)
     rim = options.vignetting().front_rim(where.uv, maps.height, maps.width)
-    sigma = smoothing_of(seen.shear.slope, where, options.smoothing)
-    shrink = shrink_of(seen.shear.slope, seen.grid.cells, sigma, where).astype(np.float32)
+    smoothing = Smoothing.of_views(seen.shear.slope, seen.grid.cells, where, options.smoothing)
+    shrink = shrink_of(seen.shear.slope, smoothing.variance, where).astype(np.float32)
     views = np.column_stack([where.uv, where.t, where.offset, where.weight]).astype(np.float32)
     image = np.zeros((maps.height, maps.width, 4), np.float32)
-    native = seen.native()
+    native = native_planes(seen.shear, replace(seen.grid, cells=smoothing.cells), seen.scale)
+    is_smoothed = (smoothing.sigma > 0).astype(np.uint8)
     columns = -(-maps.width // _native.TILE_COLUMNS)
 
-    def render_band(band: Band, bar: tqdm[Any]) -> None:
+    def render_band(first_row: int, end_row: int, bar: tqdm[Any]) -> None:
+        band = smooth_band(seen, smoothing, farthest, (first_row, end_row), execution)
+
         def work(first: int, last: int) -> None:
             _native.multiplane_render(
                 native,
                 band.slots,
                 seen.halves,
                 band.halves,
-                band.is_smoothed,
+                is_smoothed,
                 views=views,
                 shrink=shrink,
                 rim=_native.FrontRim(**asdict(rim)),
                 vignetted=options.cats_eye > 0,
                 darken=options.darken,
-                first=band.first * columns + first,
-                last=band.first * columns + last,
+                first=first_row * columns + first,
+                last=first_row * columns + last,
                 image=image,
             )
 
-        map_ranges(work, (band.end - band.first) * columns, execution, bar=bar, chunk=4)
+        map_ranges(work, (end_row - first_row) * columns, execution, bar=bar, chunk=4)
 
-    rows = -(-maps.height // _native.TILE_ROWS)
-    with progress_bar(rows * columns, "multiplane: render", show=execution.progress, unit="tile") as bar:
-        for band in smoothed_bands(seen, sigma, farthest_shift(seen.shear, shrink, where), execution):
-            render_band(band, bar)
+    farthest = farthest_shift(seen.shear, shrink, where)
+    tiles = -(-maps.height // _native.TILE_ROWS) * columns
+    with progress_bar(tiles, "multiplane: render", show=execution.progress, unit="tile") as bar:
+        for first, end in band_rows(seen, smoothing):
+            render_band(first, end, bar)
     return image
 
 
 def shrink_of(
-    slope: npt.NDArray[np.float64],
-    cells: npt.NDArray[np.int32],
-    sigma: npt.NDArray[np.float64],
-    where: Locations,
+    slope: npt.NDArray[np.float64], own: npt.NDArray[np.float64], where: Locations
 ) -> npt.NDArray[np.float64]:
     """Return by how much each plane's views draw together to make up for the blur of its map, (K,).
 
-    Sharing a ray out among cells convolves with a triangle two cells wide, of the variance 1/6 along each
-    axis; so does interpolation. `sigma` is that of `smoothing_of`.
+    `own` is the variance of that blur, (K,): `Smoothing.variance`.
     """
     weight = where.weight[:, None].astype(np.float64)
     of_pixel = float((np.square(where.offset, dtype=np.float64) * weight).sum() / 2)
     of_lens = float((np.square(where.uv, dtype=np.float64) * weight).sum() / 2)
     wanted = of_pixel + np.square(slope) * of_lens
-    own = 1 / (3 * np.square(cells, dtype=np.float64)) + np.square(sigma)
     left: npt.NDArray[np.float64] = np.sqrt(np.maximum(1 - own / np.maximum(wanted, 1e-12), _LEAST_SHARE))
     return left

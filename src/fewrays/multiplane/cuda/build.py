@@ -1,7 +1,7 @@
 """From samples to planes on a GPU: ``native/cuda/multiplane_build.cu``, launched.
 
-The host waits for the card twice, for how much memory is to be taken: it must know which planes there are,
-and how many of their blocks.
+The host waits for the card three times, for how much memory is to be taken: it must know which planes there
+are, where they stand, and how many blocks they have.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy.typing as npt
 from fewrays.cuda.kernel import Kernel
 from fewrays.cuda.machine import Machine, blocks_for
 from fewrays.cuda.samples import SAMPLE_FIELDS, DeviceSamples
-from fewrays.multiplane.build import BuildOptions, lay_out, radiance_scale
+from fewrays.multiplane.build import BuildOptions, beyond_memory, extents, radiance_scale
 from fewrays.multiplane.cuda.planes import CHANNELS, MAP_CELLS, DevicePlanes
 from fewrays.multiplane.cuda.render import plane_records
 from fewrays.multiplane.maps import BLOCK, Grid, Maps, Shear
@@ -32,6 +32,8 @@ _CELLS = BLOCK[0] * BLOCK[1]  # of a map
 _MOST_KEYS = 2**28  # that are counted one by one
 _MOST_EVIDENCE = 2**31  # bytes that the sums of planes which are made at once should take
 _EVIDENCE_BYTES = 36  # of a cell
+_MEANS_EACH = 16  # samples of a thread
+_MEAN_UNIT = 2.0**16
 _MOST_UNITS = 20  # bits behind the point of a ray's weight
 
 _EVIDENCE_FIELDS = {
@@ -69,10 +71,25 @@ _KEYS = Kernel(
         "exact_c0": "f8",
         "exact_c1": "f8",
         "keys": "*i8",
+        "seen": "*f4",
         "present": "*u1",
         "first_slab": "i4",
         "middle": "i4",
         "side": "i4",
+    },
+)
+_MEANS = Kernel(
+    "multiplane_build",
+    "multiplane_means",
+    256,
+    {
+        "keys": "*i8",
+        "plane_keys": "*i8",
+        "seen": "*f4",
+        "tallies": "*u8",
+        "samples": "i8",
+        "count": "i4",
+        "unused": "i4",
     },
 )
 _MARK = Kernel(
@@ -84,6 +101,7 @@ _MARK = Kernel(
         "planes": "*i4",
         "keys": "*i8",
         "plane_keys": "*i8",
+        "ranks": "*i2",
         "plane_of": "*i2",
         "places": "*f4",
         "marks": "*u1",
@@ -113,7 +131,7 @@ _GATHER = Kernel(
 )
 _SUMS = Kernel("multiplane_build", "multiplane_sums", 256, _ESTIMATE_FIELDS)
 _ESTIMATE = Kernel("multiplane_build", "multiplane_estimate", 256, _ESTIMATE_FIELDS)
-KERNELS = (_KEYS, _MARK, _TILES, _GATHER, _SUMS, _ESTIMATE)
+KERNELS = (_KEYS, _MEANS, _MARK, _TILES, _GATHER, _SUMS, _ESTIMATE)
 """All kernels of the step."""
 
 
@@ -165,9 +183,13 @@ def build_planes(machine: Machine, samples: DeviceSamples, options: BuildOptions
     DevicePlanes
     """
     rule = options.slab_rule(samples)
-    keys, plane_keys, assignment = _assign(machine, samples, rule)
-    shear, grid = lay_out(assignment, samples, options)
-    marked = _mark(machine, samples, keys, plane_keys, shear, grid, rule.most_blur)
+    planes = _assign(machine, samples, rule)
+    shear, grid = extents(planes.assignment, samples, options)
+    marked = _mark(machine, samples, planes, shear, grid, rule.most_blur)
+    coarse = beyond_memory(shear, grid, np.diff(marked.first_block), options)
+    if coarse.any():
+        grid = replace(grid, cells=np.where(coarse, 1, grid.cells).astype(np.int32))
+        marked = _mark(machine, samples, planes, shear, grid, rule.most_blur)
     outline = _outline(samples, shear, grid, radiance_scale(marked.brightest))
     texels = machine.xp.zeros((int(marked.first_map[-1]), MAP_CELLS, CHANNELS), np.uint16)
     _estimate(machine, samples, outline, marked, options.prior, texels)
@@ -180,15 +202,35 @@ def _outline(samples: DeviceSamples, shear: Shear, grid: Grid, scale: npt.NDArra
     return Maps(samples.height, samples.width, samples.lens, shear, grid, slots, halves, scale)
 
 
-def _assign(machine: Machine, samples: DeviceSamples, rule: SlabRule) -> tuple[Any, Any, Assignment]:
-    """Sort samples into planes: keys of the samples and of the planes, on the card, and the planes."""
+@dataclass(frozen=True, eq=False)
+class _Assigned:
+    """Planes, and how to find that of a sample.
+
+    Parameters
+    ----------
+    keys, plane_keys : array of int64, (N,) and (K,)
+        Of samples, and of planes in their own order.
+    ranks : array of int16, (K,)
+        Number of each such plane in the order of `assignment`.
+    assignment : Assignment
+        Slope and motion of the planes; its ``plane_of`` is empty.
+    """
+
+    keys: Any
+    plane_keys: Any
+    ranks: Any
+    assignment: Assignment
+
+
+def _assign(machine: Machine, samples: DeviceSamples, rule: SlabRule) -> _Assigned:
+    """Sort samples into planes."""
     xp = machine.xp
     moving = samples.motion is not None
     first_slab, last_slab = rule.index(-rule.most_blur), rule.index(rule.most_blur)
     middle = math.ceil(FARTHEST / rule.motion_cell) + 1 if moving else 0
     side = 2 * middle + 1
     count = int(last_slab - first_slab + 1) * side**2
-    keys = xp.empty(samples.count, np.int64)
+    keys, seen = xp.empty(samples.count, np.int64), xp.empty((samples.count, 3), np.float32)
     present = xp.zeros(count, np.uint8) if count <= _MOST_KEYS else None
     machine.launch(
         _KEYS,
@@ -201,6 +243,7 @@ def _assign(machine: Machine, samples: DeviceSamples, rule: SlabRule) -> tuple[A
         exact_c0=samples.lens.c0,
         exact_c1=samples.lens.c1,
         keys=keys,
+        seen=seen,
         present=present,
         first_slab=int(first_slab),
         middle=middle,
@@ -214,17 +257,32 @@ def _assign(machine: Machine, samples: DeviceSamples, rule: SlabRule) -> tuple[A
         numbers = np.array([(-int(first_slab) * side + middle) * side + middle], np.int64)
     if len(numbers) > MOST_PLANES:
         return _assign(machine, samples, replace(rule, motion_cell=2 * rule.motion_cell))
-    slab, cell = np.divmod(numbers, side**2)
-    motion = (np.stack(np.divmod(cell, side), axis=-1) - middle) * rule.motion_cell
-    assignment = Assignment(np.zeros(0, np.int16), rule.slope(slab + first_slab), motion)
-    return keys, machine.on_device(numbers, np.int64), assignment
+    plane_keys = machine.on_device(numbers, np.int64)
+    tallies = xp.zeros((len(numbers), 4), np.uint64)
+    machine.launch(
+        _MEANS,
+        (-(-samples.count // (_MEANS.threads * _MEANS_EACH)), 1, 1),
+        keys=keys,
+        plane_keys=plane_keys,
+        seen=seen,
+        tallies=tallies,
+        samples=samples.count,
+        count=len(numbers),
+        unused=0,
+    )
+    sums = machine.on_host(tallies).view(np.int64)
+    means = sums[:, 1:] / _MEAN_UNIT / np.maximum(sums[:, :1], 1)
+    order = np.argsort(means[:, 0], kind="stable")
+    ranks = machine.on_device(np.argsort(order), np.int16)
+    return _Assigned(
+        keys, plane_keys, ranks, Assignment(np.zeros(0, np.int16), means[order, 0], means[order, 1:])
+    )
 
 
 def _mark(
     machine: Machine,
     samples: DeviceSamples,
-    keys: Any,
-    plane_keys: Any,
+    assigned: _Assigned,
     shear: Shear,
     grid: Grid,
     most_blur: float,
@@ -239,8 +297,9 @@ def _mark(
         _MARK,
         (blocks_for(samples.count, _MARK), 1, 1),
         planes=records,
-        keys=keys,
-        plane_keys=plane_keys,
+        keys=assigned.keys,
+        plane_keys=assigned.plane_keys,
+        ranks=assigned.ranks,
         plane_of=plane_of,
         places=places,
         marks=marks,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from itertools import pairwise
 from typing import Any
 
@@ -15,7 +15,7 @@ from fewrays.lens import Lens
 from fewrays.multiplane.cuda.planes import CHANNELS, MAP_CELLS, DevicePlanes
 from fewrays.multiplane.maps import Maps
 from fewrays.multiplane.render import RenderOptions, shrink_of
-from fewrays.multiplane.smoothing import smoothing_of
+from fewrays.multiplane.smoothing import Smoothing
 from fewrays.temporal.locations import Locations
 
 __all__ = ["KERNELS", "plane_records", "render_planes"]
@@ -33,6 +33,8 @@ _RENDER = Kernel(
         "shrink": "*f4",
         "reach": "*f4",
         "sources": "*u8",
+        "first_maps": "*i4",
+        "shifts": "*i4",
         "slots": "*i4",
         "views": "*f4",
         "image": "*f4",
@@ -46,9 +48,9 @@ _RENDER = Kernel(
     },
 )
 _SMOOTH = {
-    cells: Kernel(
+    (cells, factor): Kernel(
         "multiplane_render",
-        f"multiplane_smooth_{cells}",
+        f"multiplane_smooth_{cells}_{factor}",
         256,
         {
             "planes": "*i4",
@@ -59,11 +61,10 @@ _SMOOTH = {
             "smoothed": "*u2",
             "count": "i4",
             "first_block": "i4",
-            "first_slot": "i4",
-            "place": "i4",
+            "end": "i4",
         },
     )
-    for cells in (1, 2, 3)
+    for cells, factor in ((1, 1), (2, 1), (2, 2), (3, 1))
 }
 KERNELS = (_RENDER, *_SMOOTH.values())
 """All kernels of the step."""
@@ -88,19 +89,21 @@ def render_planes(machine: Machine, planes: DevicePlanes, lens: Lens | None, opt
     seen = planes.outline.through(lens or planes.outline.lens)
     where = options.locations(seen.lens)
     rim = options.vignetting().front_rim(where.uv, seen.height, seen.width)
-    sigma = smoothing_of(seen.shear.slope, where, options.smoothing)
-    shrink = shrink_of(seen.shear.slope, seen.grid.cells, sigma, where)
-    records = machine.on_device(plane_records(seen), np.int32)
+    smoothing = Smoothing.of_views(seen.shear.slope, seen.grid.cells, where, options.smoothing)
+    shrink = shrink_of(seen.shear.slope, smoothing.variance, where)
     # The kernel knows smoothed planes by their addresses alone: they must last until it is launched.
-    sources, smoothed = _smooth(machine, planes, records, sigma)
+    sources, smoothed = _smooth(machine, planes, smoothing)
+    looked_at = replace(seen, grid=replace(seen.grid, cells=smoothing.cells))
     image = machine.xp.empty((seen.height, seen.width, 4), np.float32)
     machine.launch(
         _RENDER,
         (-(-seen.width // _TILE), -(-seen.height // _TILE), 1),
-        planes=records,
+        planes=machine.on_device(plane_records(looked_at), np.int32),
         shrink=machine.on_device(shrink, np.float32),
         reach=machine.on_device(_reach(seen, shrink, where), np.float32),
         sources=machine.on_device(sources, np.uint64),
+        first_maps=machine.on_device(planes.first_map[:-1], np.int32),
+        shifts=machine.on_device(np.where(smoothing.cells < smoothing.built, 2, 0), np.int32),
         slots=planes.slots,
         views=machine.on_device(np.column_stack([where.uv, where.t, where.offset, where.weight]), np.float32),
         image=image,
@@ -133,43 +136,39 @@ def _reach(maps: Maps, shrink: Float64, where: Locations) -> Float64:
 
 
 def _smooth(
-    machine: Machine, planes: DevicePlanes, records: Any, sigma: Float64
+    machine: Machine, planes: DevicePlanes, smoothing: Smoothing
 ) -> tuple[npt.NDArray[np.uint64], Any]:
-    """Smooth the planes that ask for it; return where each one's blocks are numbered from (K,), and copies.
-
-    Blocks keep their numbers: a smoothed copy of planes lies as they do, and its address is that of the map
-    that would be the first of all.
-    """
-    sources = np.full(len(sigma), machine.address(planes.texels), np.uint64)
-    deviation = machine.on_device(sigma, np.float32)
+    """Smooth the planes that ask for it; return where each one's blocks are, (K,), and the smoothed ones."""
     map_bytes = 2 * MAP_CELLS * CHANNELS
-    runs = list(_runs(planes.outline, sigma))
-    count = sum(int(planes.first_map[end] - planes.first_map[first]) for first, end in runs)
-    smoothed = machine.xp.empty((count, MAP_CELLS, CHANNELS), np.uint16)
-    place = 0
-    for first, end in runs:
-        first_map, first_block = int(planes.first_map[first]), int(planes.first_block[first])
+    sources = (machine.address(planes.texels) + planes.first_map[:-1] * map_bytes).astype(np.uint64)
+    records = machine.on_device(plane_records(planes.outline), np.int32)
+    sigma = machine.on_device(smoothing.sigma, np.float32)
+    blocks = np.diff(planes.first_block)
+    maps = np.where(smoothing.sigma > 0, blocks * smoothing.cells.astype(np.int64) ** 2, 0)
+    places = np.cumsum(maps) - maps
+    smoothed = machine.xp.empty((int(maps.sum()), MAP_CELLS, CHANNELS), np.uint16)
+    for first, end in _runs(smoothing):
+        built, cells = int(smoothing.built[first]), int(smoothing.cells[first])
+        first_block, end_block = int(planes.first_block[first]), int(planes.first_block[end])
         machine.launch(
-            _SMOOTH[int(planes.outline.grid.cells[first])],
-            (int(planes.first_block[end]) - first_block, 1, 1),
+            _SMOOTH[built, built // cells],
+            (end_block - first_block, 1, 1),
             planes=records,
             slots=planes.slots,
             blocks=planes.blocks,
-            sigma=deviation,
+            sigma=sigma,
             built=planes.texels,
-            smoothed=smoothed,
-            count=len(sigma),
+            smoothed=smoothed[int(places[first]) :],
+            count=len(sources),
             first_block=first_block,
-            first_slot=first_map,
-            place=place,
+            end=end_block,
         )
-        sources[first:end] = np.uint64(machine.address(smoothed) + (place - first_map) * map_bytes)
-        place += int(planes.first_map[end]) - first_map
+        sources[first:end] = (machine.address(smoothed) + places[first:end] * map_bytes).astype(np.uint64)
     return sources, smoothed
 
 
-def _runs(maps: Maps, sigma: Float64) -> list[tuple[int, int]]:
-    """Return the first and the end of runs of planes that are smoothed and have the same resolution."""
-    kind = np.where(sigma > 0, maps.grid.cells, 0)
+def _runs(smoothing: Smoothing) -> list[tuple[int, int]]:
+    """Return the first and the end of runs of planes that are smoothed in one way."""
+    kind = np.where(smoothing.sigma > 0, 4 * smoothing.built + smoothing.cells, 0)
     borders = [0, *(np.flatnonzero(np.diff(kind)) + 1).tolist(), len(kind)]
     return [(first, end) for first, end in pairwise(borders) if end > first and kind[first] > 0]
