@@ -74,7 +74,7 @@ def reconstruct(
 
     Parameters
     ----------
-    samples : SampleBuffer or fewrays.cuda.DeviceSamples
+    samples : SampleBuffer or fewrays.cuda.samples.DeviceSamples
         The samples, with the lens to integrate over; on the host, or in a GPU's memory for ``"cuda"``.
     method : str
         A name from `METHODS`.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import sys
+import warnings
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -49,7 +50,9 @@ class Device:
 def find_device() -> Device | str:
     """Return the current card, or in words why there is none to use."""
     try:
-        cupy: Any = importlib.import_module("cupy")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # CuPy misses a toolkit that we do not need
+            cupy: Any = importlib.import_module("cupy")
     except ImportError:
         return "CuPy is not installed: python3 -m pip install 'fewrays[cuda]'"
     try:
