@@ -15,6 +15,7 @@ from fewrays.cuda import device, nvrtc, source
 from fewrays.cuda.kernel import Kernel
 from fewrays.dynamic import cuda as dynamic_cuda
 from fewrays.layered import cuda as layered_cuda
+from fewrays.multiplane.cuda import assign as multiplane_assign
 from fewrays.multiplane.cuda import build as multiplane_build
 from fewrays.multiplane.cuda import render as multiplane_render
 from fewrays.temporal import cuda as temporal_cuda
@@ -23,6 +24,7 @@ from phases import compile_phases
 KERNELS = (
     *dynamic_cuda.KERNELS,
     *layered_cuda.KERNELS,
+    *multiplane_assign.KERNELS,
     *multiplane_build.KERNELS,
     *multiplane_render.KERNELS,
     *temporal_cuda.KERNELS,

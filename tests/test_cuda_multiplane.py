@@ -191,7 +191,7 @@ def test_groups_of_planes_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None
 def test_many_motions_are_sorted_instead_of_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     samples = samples_of("moving")
     counted = maps_of(PhasesMachine(), samples, MultiplaneOptions())
-    monkeypatch.setattr("fewrays.multiplane.cuda.build._MOST_KEYS", 0)
+    monkeypatch.setattr("fewrays.multiplane.cuda.assign._MOST_KEYS", 0)
     np.testing.assert_array_equal(
         maps_of(PhasesMachine(), samples, MultiplaneOptions()).halves, counted.halves
     )

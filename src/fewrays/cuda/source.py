@@ -13,7 +13,7 @@ from pathlib import Path
 
 __all__ = ["OPTIONS", "PROGRAMS", "kernel_folder", "program_text"]
 
-PROGRAMS = ("dynamic", "layered", "multiplane_build", "multiplane_render", "temporal")
+PROGRAMS = ("dynamic", "layered", "multiplane_assign", "multiplane_build", "multiplane_render", "temporal")
 """Files of kernels, by name, one for each method's stage."""
 
 OPTIONS = ("-std=c++20", "--device-as-default-execution-space")
