@@ -389,7 +389,7 @@ NB_MODULE(_native, m) {
     m.def(
         "multiplane_smooth",
         [](const DepthPlanes& planes, Array<const std::int32_t, -1> slots, Array<const Half, -1> halves,
-           Array<const float, -1> sigma, Array<const std::int32_t, -1> cells, Array<const std::int32_t, -1> places,
+           Array<const float, -1> sigma, Array<const std::int32_t, -1> cells, Array<std::int32_t, -1> places,
            Array<const std::int32_t, -1, 3> parts, int first, int last, Array<Half, -1> smoothed) {
             for (int part = first; part < last; ++part) {
                 const std::int32_t* row = parts.data() + std::ptrdiff_t{3} * part;

@@ -55,8 +55,8 @@ void multiplane_build(const LightField& field, const std::int16_t* plane_of, con
 
 // Smooths the blocks of a part for which `places` has room, of `smoothed`; `places` is as `set.slots`. The Gaussian's
 // standard deviation is in pixels. The smoothed blocks have so many cells per pixel and axis: the plane's own, or one
-// where it has two.
-void multiplane_smooth(const PlaneSet& set, const Half* halves, float sigma, int cells, const std::int32_t* places,
+// where it has two. Places for blocks that the plane itself does not have become -1 where next to nothing comes.
+void multiplane_smooth(const PlaneSet& set, const Half* halves, float sigma, int cells, std::int32_t* places,
                        const PlanePart& part, Half* smoothed);
 
 // Where blocks are: planes are smoothed, or as they were built.

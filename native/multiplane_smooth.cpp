@@ -11,6 +11,7 @@ namespace {
 
 constexpr int map_cells = (block_rows + 1) * (block_columns + 1);  // of one of a block's maps
 constexpr int most_reach = 32;                                     // cells; a wider Gaussian is cut off
+constexpr float least_opacity = 1.0f / 32.0f;                      // of a block that smoothing adds
 constexpr int region_cells = 192;                                  // of a region's sides, at most
 
 // Cells [row, row + rows) x [column, column + columns) of a plane, as floats; 0 where it has no block.
@@ -147,21 +148,41 @@ Region read_region(const PlaneSet& set, const Half* halves, const DepthPlane& pl
     return region;
 }
 
+// Whether a block of a region holds anything to speak of.
+FEWRAYS_CLONES
+bool any_opacity(const float* opacity, int stride, int rows, int columns) {
+    float most = 0.0f;
+    for (int i = 0; i < rows; ++i)
+        for (int j = 0; j < columns; ++j) {
+            const float own = opacity[std::ptrdiff_t{i} * stride + j];
+            most = own > most ? own : most;
+        }
+    return most > least_opacity;
+}
+
+// Writes the blocks of a span. Places for blocks that the plane does not have are given up where next to nothing came.
 template <int cells>
-void write_span(Region& region, const DepthPlane& plane, const Span& span, const std::int32_t* places, Half* smoothed) {
+void write_span(Region& region, const PlaneSet& set, const DepthPlane& plane, const Span& span, std::int32_t* places,
+                Half* smoothed) {
+    constexpr int width = block_columns * cells, height = block_rows * cells;
     const float* const sources[block_channels] = {region.channel(0), region.channel(1), region.channel(2),
                                                   region.channel(3)};
     for (int row = span.top; row < span.bottom; ++row)
-        for (int column = span.left; column < span.right; ++column)
-            if (const std::int32_t own = places[plane.first_slot + std::ptrdiff_t{row} * plane.columns + column];
-                own >= 0)
-                write_block<cells>(sources, region.columns, row * block_rows * cells - region.row,
-                                   column * block_columns * cells - region.column,
-                                   smoothed + half_padding + own * unit_halves);
+        for (int column = span.left; column < span.right; ++column) {
+            const std::ptrdiff_t at = plane.first_slot + std::ptrdiff_t{row} * plane.columns + column;
+            if (places[at] < 0) continue;
+            const int top = row * height - region.row, left = column * width - region.column;
+            const float* corner = sources[0] + std::ptrdiff_t{top} * region.columns + left;
+            if (set.slots[at] < 0 && !any_opacity(corner, region.columns, height, width))
+                places[at] = -1;
+            else
+                write_block<cells>(sources, region.columns, top, left,
+                                   smoothed + half_padding + places[at] * unit_halves);
+        }
 }
 
 template <int cells, int factor>
-void smooth(const PlaneSet& set, const Half* halves, float sigma, const std::int32_t* places, const PlanePart& part,
+void smooth(const PlaneSet& set, const Half* halves, float sigma, std::int32_t* places, const PlanePart& part,
             Half* smoothed) {
     constexpr int own = cells / factor;
     const DepthPlane& plane = set.planes[part.plane];
@@ -180,13 +201,13 @@ void smooth(const PlaneSet& set, const Half* halves, float sigma, const std::int
                 blur_down(region.channel(c), region.rows, region.columns, taps.data(), reach, spare.data());
                 blur_across(spare.data(), region.rows, region.columns, taps.data(), reach, region.channel(c));
             }
-            write_span<own>(region, plane, span, places, smoothed);
+            write_span<own>(region, set, plane, span, places, smoothed);
         }
 }
 
 }  // namespace
 
-void multiplane_smooth(const PlaneSet& set, const Half* halves, float sigma, int cells, const std::int32_t* places,
+void multiplane_smooth(const PlaneSet& set, const Half* halves, float sigma, int cells, std::int32_t* places,
                        const PlanePart& part, Half* smoothed) {
     switch (set.planes[part.plane].cells) {
         case 1:

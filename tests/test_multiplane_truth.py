@@ -279,7 +279,7 @@ class TestLights:
             center = np.random.default_rng(seed).uniform(46, 50, 2)
             light = Plane(LENS.depth(slope), constant(1000.0), disc((center[0], center[1]), 5.0))
             samples = sample([light, Plane(LENS.depth(15.0), constant(0.1))], LENS, 96, 96, 8, seed=seed)
-            image = reconstruct(samples, "multiplane", threads=1)
+            image = reconstruct(samples, "multiplane", threads=1, views=32)
             assert image.min() > 0.099
             ratios.append(image[..., 0].sum(dtype=np.float64) / (1000 * np.pi * 25 + 0.1 * 96**2))
         assert np.std(ratios) < 0.05

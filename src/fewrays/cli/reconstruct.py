@@ -93,7 +93,9 @@ class Reconstruct(Command, Generic[Options]):
         if self.aovs is not None and self.aovs.exists() and not self.aovs.is_dir():
             raise SampleError("is not a directory", file=self.aovs)
         method = find_method(self.method)
-        execution = Execution(self.device, self.threads, True, self.aovs is not None, self.shadows)
+        execution = Execution(
+            self.device, self.threads, progress=True, aovs=self.aovs is not None, shadows=self.shadows
+        )
         source = open_source(self.samples, method, self.input)
         with stopwatch() as watch:
             result = source.renderer(self.options, execution)(source.lens)

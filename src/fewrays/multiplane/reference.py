@@ -38,7 +38,7 @@ from fewrays.multiplane.build import BuildOptions, lay_out
 from fewrays.multiplane.maps import BLOCK, Shear
 from fewrays.multiplane.render import RenderOptions, shrink_of
 from fewrays.multiplane.slabs import assign_planes
-from fewrays.multiplane.smoothing import Smoothing
+from fewrays.multiplane.smoothing import Smoothing, widened
 from fewrays.parallel import Execution, progress_bar
 from fewrays.samples import SampleBuffer
 from fewrays.temporal.reprojection import Paths
@@ -61,6 +61,7 @@ LEAST_SEEN = 1e-3
 
 _WIDEST = 2**LEVELS
 _KEPT_AROUND = 2  # cells: a sample reaches one to each side, and interpolation one more
+_LEAST_OPACITY = 1 / 32  # of a block that smoothing adds
 _SIGMAS = 3  # standard deviations where the Gaussian ends
 
 
@@ -392,8 +393,27 @@ def _smoothed(planes: Planes, smoothing: Smoothing) -> Planes:
         layer = _halved(plane.layer) / 4 if factor == 2 else plane.layer
         kept = plane.kept[::factor, ::factor]
         layer = _smooth(layer, float(sigma) * int(cells))
-        soft.append(replace(plane, cells=int(cells), kept=kept, layer=layer))
+        changed = replace(plane, cells=int(cells), kept=kept, layer=layer)
+        soft.append(_with_blocks_around(changed, float(sigma)) if sigma > 0 else changed)
     return replace(planes, planes=soft)
+
+
+def _with_blocks_around(plane: Plane, sigma: float) -> Plane:
+    """Keep as well what smoothing has brought to blocks around those kept, unless it is next to nothing."""
+    row, column = (
+        np.floor((plane.corner[1 - axis] + (np.arange(count) + 0.5) / plane.cells) / BLOCK[axis]).astype(int)
+        for axis, count in enumerate(plane.kept.shape)
+    )
+    where = np.ix_(row - row[0], column - column[0])
+    kept = np.zeros((row[-1] - row[0] + 1, column[-1] - column[0] + 1), np.bool_)
+    most = np.zeros(kept.shape)
+    np.logical_or.at(kept, where, plane.kept)
+    np.maximum.at(most, where, plane.layer[..., 0])
+    kept |= widened(kept, sigma) & (most > _LEAST_OPACITY)
+    # The plane ends where its map does, but for the cells that interpolation needs.
+    inside = np.zeros(plane.kept.shape, np.bool_)
+    inside[:-1, :-1] = kept[where][:-1, :-1]
+    return replace(plane, kept=inside)
 
 
 def _smooth(layer: Float64, sigma: float) -> Float64:

@@ -20,7 +20,7 @@ from fewrays.multiplane.maps import BLOCK, Grid, Maps, Shear, number_blocks
 from fewrays.parallel import Execution, map_ranges
 from fewrays.temporal.locations import Locations
 
-__all__ = ["Band", "Smoothing", "band_rows", "farthest_shift", "smooth_band"]
+__all__ = ["Band", "Smoothing", "band_rows", "farthest_shift", "smooth_band", "widened"]
 
 Bools = npt.NDArray[np.bool_]
 Float32 = npt.NDArray[np.float32]
@@ -30,6 +30,7 @@ Int32 = npt.NDArray[np.int32]
 _LEAST_SIGMA = 0.3  # pixels; a Gaussian narrower than that has no second tap to speak of
 _MOST_SIGMA = 10.0  # pixels
 _COARSE_SIGMA = 0.5  # pixels; what has been smoothed that much needs one cell per pixel
+_NEAR = 2.0  # pixels
 _MOST_BYTES = 2**26  # that smoothed copies of planes should take
 _ROWS = 24  # of blocks that are smoothed at once
 
@@ -133,7 +134,7 @@ def smooth_band(
     Band
         Its planes can be seen from all views in its rows of tiles.
     """
-    wide = np.repeat(smoothing.sigma > 0, maps.grid.shape.prod(axis=1)) & (maps.slots >= 0)
+    wide = _touched(maps, smoothing)
     near = wide & _blocks_near(maps.grid, *rows, farthest)
     places, units = number_blocks(near, replace(maps.grid, cells=smoothing.cells))
     halves = np.empty(units * _native.UNIT_HALVES + 2 * _native.HALF_PADDING, np.uint16)
@@ -147,7 +148,37 @@ def smooth_band(
         )
 
     map_ranges(work, len(parts), replace(execution, progress=False), chunk=1)
-    return Band(np.where(wide, places, maps.slots), halves)
+    smoothed = np.repeat(smoothing.sigma > 0, maps.grid.shape.prod(axis=1))
+    return Band(np.where(smoothed, places, maps.slots), halves)
+
+
+def _touched(maps: Maps, smoothing: Smoothing) -> Bools:
+    """Return which places for blocks smoothed planes may reach."""
+    touched = np.zeros(maps.grid.slot_count, np.bool_)
+    for plane, (columns, rows) in enumerate(maps.grid.shape):
+        if smoothing.sigma[plane] > 0:
+            first = maps.grid.first_slot[plane]
+            own = slice(first, first + rows * columns)
+            kept = maps.slots[own].reshape(rows, columns) >= 0
+            touched[own] = widened(kept, float(smoothing.sigma[plane])).reshape(-1)
+    return touched
+
+
+def widened(kept: Bools, sigma: float) -> Bools:
+    """Return which blocks (R, C) a Gaussian of a standard deviation in pixels may bring something to.
+
+    Without these, what lies close to a block's border would end there, and small lights would show it. Of
+    its weight 98 % lie within two standard deviations, and samples touch the blocks of what is near anyway.
+    """
+    for axis, size in enumerate(BLOCK):
+        bits = np.moveaxis(kept, axis, 0)
+        wide = bits.copy()
+        blocks = math.ceil(max(2 * sigma - _NEAR, 0.0) / size)
+        for step in range(1, min(blocks, len(bits) - 1) + 1):
+            wide[step:] |= bits[:-step]
+            wide[:-step] |= bits[step:]
+        kept = np.moveaxis(wide, 0, axis)
+    return kept
 
 
 def _blocks_near(grid: Grid, first: int, end: int, farthest: Float64) -> Bools:
