@@ -275,6 +275,23 @@ class TestCatsEye:
         assert render(samples, cats_eye=1.0, aperture_image=tmp_path / "aperture.exr").min() > 0
 
 
+class TestCells:
+    @pytest.mark.parametrize(("spp", "others"), [(1, 1), (2, 1), (3, 2), (4, 2)])
+    def test_out_of_focus_no_smaller_than_samples_are_dense(self, spp: int, others: int) -> None:
+        samples = random_buffer(40, 60, spp, LENS)
+        fine_to = float(np.median(np.abs(samples.slope())))
+        maps = Multiplane.build(samples, threads=1, fine_to=fine_to).maps
+        in_focus = np.abs(maps.shear.slope) <= fine_to
+        assert (maps.grid.cells[in_focus] == 3).all()
+        assert (maps.grid.cells[~in_focus] == others).all()
+
+    def test_dropped_samples_do_not_count(self) -> None:
+        samples = random_buffer(40, 60, 4, LENS)
+        xy = samples.xy.copy()
+        xy[:, :, 2:] = OFF_IMAGE
+        assert Multiplane.build(replace(samples, xy=xy), threads=1, fine_to=0.0).maps.grid.cells.max() == 1
+
+
 class TestMemory:
     samples = random_buffer(40, 60, 3, LENS)
 

@@ -33,6 +33,7 @@ _MEGABYTE = 2**20
 _MARGIN = 4  # pixels beyond what the lens shifts
 _RUN = 128  # samples that are looked at together
 _ROWS = 384  # cells of a plane's height that are built at once: two of native code's regions
+_DENSE = 3  # samples per pixel that cells of half a pixel need out of focus
 _LARGEST = 2.0**15  # stored radiance
 _LEAST_EXPONENT = -100  # of a plane's scale: single precision holds its inverse as well
 
@@ -46,8 +47,9 @@ class BuildOptions:
     linear_to: float = 8.0
     """Blur radius in pixels beyond which planes grow thicker in proportion to it."""
     cells: int = 3
-    """Cells per pixel and axis of planes in focus, 1 to 3; others have two, or one if this is 1."""
-    fine_to: float = 0.7
+    """Cells per pixel and axis of planes in focus, 1 to 3; others have two, or one if this is 1 or there are
+    fewer than three samples per pixel."""
+    fine_to: float = 2.0
     """Blur radius in pixels up to which planes count as in focus."""
     memory: float = 1350.0
     """Megabytes (2^20 bytes) for planes; beyond, those with most blur have one cell per pixel."""
@@ -157,8 +159,18 @@ def extents(
     corner = -(np.ceil(margin / block).astype(np.int64) * block)
     end = np.array([samples.width, samples.height]) + margin
     shape = np.ceil((end - corner) / block).astype(np.int32)
-    cells = np.where(size <= options.fine_to, options.cells, min(options.cells, 2)).astype(np.int32)
+    others = min(options.cells, _cells_out_of_focus(assignment, samples))
+    cells = np.where(size <= options.fine_to, options.cells, others).astype(np.int32)
     return Shear(assignment.slope, assignment.motion), Grid(cells, corner.astype(np.int32), shape)
+
+
+def _cells_out_of_focus(assignment: Assignment, samples: SampleBuffer | DeviceSamples) -> int:
+    """Return how many cells per pixel and axis planes out of focus have at most, 1 or 2.
+
+    Four cells that have less than a ray each are noisier than one, even where blur averages them: one shares
+    evidence out more widely before hits are divided by it. In focus, detail is worth that noise.
+    """
+    return 2 if assignment.kept >= _DENSE * samples.height * samples.width else 1
 
 
 def _touch(

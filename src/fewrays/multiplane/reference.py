@@ -355,7 +355,7 @@ def render(planes: Planes, lens: Lens | None, options: RenderOptions, execution:
     planes = planes if lens is None else _through(planes, lens)
     where = options.locations(planes.lens)
     cells = np.array([plane.cells for plane in planes.planes], np.int32)
-    smoothing = Smoothing.of_views(planes.shear.slope, cells, where, options.smoothing)
+    smoothing = options.smoothing_of(planes.shear.slope, cells, planes.lens, where)
     planes = _smoothed(planes, smoothing)
     shrink = shrink_of(planes.shear.slope, smoothing.variance, where)
     rim = options.vignetting().front_rim(where.uv, planes.height, planes.width)

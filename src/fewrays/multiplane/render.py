@@ -24,7 +24,7 @@ from fewrays.aperture_options import ApertureOptions
 from fewrays.errors import require_option
 from fewrays.lens import Lens
 from fewrays.multiplane.maps import Maps, native_planes
-from fewrays.multiplane.smoothing import Smoothing, band_rows, farthest_shift, smooth_band
+from fewrays.multiplane.smoothing import Smoothing, band_rows, distance_between, farthest_shift, smooth_band
 from fewrays.parallel import Execution, map_ranges, progress_bar
 from fewrays.pixel_filter import PixelFilter, PixelFilterShape
 from fewrays.temporal.locations import Locations, make_locations
@@ -85,6 +85,13 @@ class RenderOptions(ApertureOptions):
             self.views, self.aperture_of(lens), self.filter_of_pixels(), self.open_shutter()
         )
 
+    def smoothing_of(
+        self, slope: npt.NDArray[np.float64], cells: npt.NDArray[np.int32], lens: Lens, where: Locations
+    ) -> Smoothing:
+        """Return how planes of slopes (K,) and cells (K,) are smoothed for the lens points of `where`."""
+        distance = distance_between(self.aperture_of(lens), where)
+        return Smoothing.of_views(slope, cells, distance, self.smoothing)
+
 
 def render_maps(
     maps: Maps, lens: Lens | None, options: RenderOptions, execution: Execution
@@ -98,8 +105,8 @@ def render_maps(
     """
     seen = maps.through(lens or maps.lens)
     where = options.locations(seen.lens)
-    rim = options.vignetting().front_rim(where.uv, maps.height, maps.width)
-    smoothing = Smoothing.of_views(seen.shear.slope, seen.grid.cells, where, options.smoothing)
+    rim = _native.FrontRim(**asdict(options.vignetting().front_rim(where.uv, maps.height, maps.width)))
+    smoothing = options.smoothing_of(seen.shear.slope, seen.grid.cells, seen.lens, where)
     shrink = shrink_of(seen.shear.slope, smoothing.variance, where).astype(np.float32)
     views = np.column_stack([where.uv, where.t, where.offset, where.weight]).astype(np.float32)
     image = np.zeros((maps.height, maps.width, 4), np.float32)
@@ -119,7 +126,7 @@ def render_maps(
                 is_smoothed,
                 views=views,
                 shrink=shrink,
-                rim=_native.FrontRim(**asdict(rim)),
+                rim=rim,
                 vignetted=options.cats_eye > 0,
                 darken=options.darken,
                 first=first_row * columns + first,

@@ -106,11 +106,14 @@ class Assignment:
         Of each plane, in pixels: they rise from front to back.
     motion : ndarray, (K, 2)
         Over the shutter interval, in pixels.
+    kept : int
+        How many samples belong to a plane.
     """
 
     plane_of: npt.NDArray[np.int16]
     slope: Float64
     motion: Float64
+    kept: int
 
 
 def assign_planes(samples: SampleBuffer, rule: SlabRule) -> Assignment:

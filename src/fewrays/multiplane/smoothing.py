@@ -16,11 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from fewrays import _native
+from fewrays.aperture import Aperture
 from fewrays.multiplane.maps import BLOCK, Grid, Maps, Shear, number_blocks
 from fewrays.parallel import Execution, map_ranges
 from fewrays.temporal.locations import Locations
 
-__all__ = ["Band", "Smoothing", "band_rows", "farthest_shift", "smooth_band", "widened"]
+__all__ = ["Band", "Smoothing", "band_rows", "distance_between", "farthest_shift", "smooth_band", "widened"]
 
 Bools = npt.NDArray[np.bool_]
 Float32 = npt.NDArray[np.float32]
@@ -31,6 +32,8 @@ _LEAST_SIGMA = 0.3  # pixels; a Gaussian narrower than that has no second tap to
 _MOST_SIGMA = 10.0  # pixels
 _COARSE_SIGMA = 0.5  # pixels; what has been smoothed that much needs one cell per pixel
 _NEAR = 2.0  # pixels
+_SQUARE = 4.0  # square lens units: all lens points lie in [-1, 1]²
+_DARK = 1e-9  # light per square lens unit that is none
 _MOST_BYTES = 2**26  # that smoothed copies of planes should take
 _ROWS = 24  # of blocks that are smoothed at once
 
@@ -54,16 +57,12 @@ class Smoothing:
     cells: Int32
 
     @classmethod
-    def of_views(cls, slope: Float64, cells: Int32, where: Locations, strength: float) -> Smoothing:
-        """Choose how planes of slopes (K,) and cells (K,) are smoothed for these views.
+    def of_views(cls, slope: Float64, cells: Int32, distance: float, strength: float) -> Smoothing:
+        """Choose how planes of slopes (K,) and cells (K,) are smoothed for lens points a distance apart.
 
-        N lens points share a disc that has the aperture's variance V along each axis, and so the area
-        ``4 π V``; that of each has the side ``d = √(4 π V / N)``. Blur puts them ``|C| d`` pixels apart.
-        `strength` is in units of that.
+        With `distance` d in lens units, blur puts them ``|C| d`` pixels apart: the unit of `strength`.
         """
-        weight = where.weight[:, None].astype(np.float64)
-        variance = float((np.square(where.uv, dtype=np.float64) * weight).sum() / 2)
-        sigma = strength * np.abs(slope) * math.sqrt(4 * math.pi * variance / where.count)
+        sigma = strength * np.abs(slope) * distance
         sigma = np.where(sigma > _LEAST_SIGMA, np.minimum(sigma, _MOST_SIGMA), 0.0)
         return cls(sigma, cells, np.where((cells == 2) & (sigma > _COARSE_SIGMA), 1, cells).astype(np.int32))
 
@@ -76,6 +75,18 @@ class Smoothing:
         """
         built, cells = np.square(self.built, dtype=np.float64), np.square(self.cells, dtype=np.float64)
         return 1 / (6 * built) + 1 / (6 * cells) + (1 / cells - 1 / built) / 12 + np.square(self.sigma)
+
+
+def distance_between(aperture: Aperture, where: Locations) -> float:
+    """Return how far apart neighbouring lens points are, in lens units, as a root of the mean square.
+
+    Where a square lens unit gets a share p of the light, each of N points of equal light has ``1 / (N p)``
+    square units to itself. The mean of that over the points is about the N-th part of all the area that lets
+    light pass. It is more than the variance of the points tells: at a Gaussian's foot few lie far apart, and
+    there they are seen one by one first.
+    """
+    area = float(np.mean(1 / np.maximum(aperture.density(where.uv), _DARK)))
+    return math.sqrt(min(area, _SQUARE) / where.count)
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,14 +181,13 @@ def widened(kept: Bools, sigma: float) -> Bools:
     Without these, what lies close to a block's border would end there, and small lights would show it. Of
     its weight 98 % lie within two standard deviations, and samples touch the blocks of what is near anyway.
     """
-    for axis, size in enumerate(BLOCK):
-        bits = np.moveaxis(kept, axis, 0)
-        wide = bits.copy()
+    for size in BLOCK:
+        wide = kept.copy()
         blocks = math.ceil(max(2 * sigma - _NEAR, 0.0) / size)
-        for step in range(1, min(blocks, len(bits) - 1) + 1):
-            wide[step:] |= bits[:-step]
-            wide[:-step] |= bits[step:]
-        kept = np.moveaxis(wide, 0, axis)
+        for step in range(1, min(blocks, len(kept) - 1) + 1):
+            wide[step:] |= kept[:-step]
+            wide[:-step] |= kept[step:]
+        kept = wide.T  # columns next; the second time, rows again
     return kept
 
 
