@@ -18,6 +18,7 @@ from fewrays.layered import cuda as layered_cuda
 from fewrays.multiplane.cuda import assign as multiplane_assign
 from fewrays.multiplane.cuda import build as multiplane_build
 from fewrays.multiplane.cuda import render as multiplane_render
+from fewrays.multiplane.cuda import smoothing as multiplane_smoothing
 from fewrays.temporal import cuda as temporal_cuda
 from phases import compile_phases
 
@@ -27,6 +28,7 @@ KERNELS = (
     *multiplane_assign.KERNELS,
     *multiplane_build.KERNELS,
     *multiplane_render.KERNELS,
+    *multiplane_smoothing.KERNELS,
     *temporal_cuda.KERNELS,
 )
 

@@ -10,17 +10,20 @@ import pytest
 
 from agreement import assert_agree
 from buffers import random_buffer
-from fewrays import Lens, SampleBuffer
+from fewrays import Lens, SampleBuffer, _native
 from fewrays.cuda.samples import DeviceSamples
 from fewrays.multiplane import MultiplaneOptions
 from fewrays.multiplane.build import build_maps
 from fewrays.multiplane.cuda.build import build_planes
 from fewrays.multiplane.cuda.planes import DevicePlanes
 from fewrays.multiplane.cuda.render import render_planes
+from fewrays.multiplane.cuda.smoothing import smooth_planes
 from fewrays.multiplane.maps import Maps
 from fewrays.multiplane.render import render_maps
+from fewrays.multiplane.smoothing import smooth_band, touched_places
 from fewrays.parallel import Execution
 from fewrays.samples import OFF_IMAGE
+from fewrays.sources.analytic import Plane, constant, disc, sample
 from phases import ORDERS, PhasesMachine
 
 ONE_THREAD = Execution(threads=1)
@@ -106,6 +109,60 @@ def test_every_way_of_smoothing(kernel: str, options: dict[str, Any]) -> None:
         flips=0.03,
     )
     assert f"multiplane_smooth_{kernel}" in machine.launches
+
+
+def lights() -> SampleBuffer:
+    """Make samples of two discs, one of which lies close to a block's corner, far in front of a plane."""
+    lens = Lens(-225.0, 45.0)
+    discs = [
+        Plane(lens.depth(-30.0), constant(20.0), disc(centre, radius))
+        for centre, radius in (((60.0, 44.0), 9.0), ((112.0, 60.0), 4.0))
+    ]
+    return sample([*discs, Plane(lens.depth(4.0), constant(0.5))], lens, 96, 160, 2)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize(
+    "kernel",
+    [("1_1", {"cells": 1}), ("2_2", {"cells": 2}), ("3_1", {"cells": 3, "fine_to": 100.0})],
+    ids=lambda kernel: kernel[0],
+)
+def test_smoothing_reaches_the_blocks_around_as_on_the_cpu(order: int, kernel: tuple[str, Any]) -> None:
+    """Into those that it brings something to, and no others, at every resolution."""
+    name, options = kernel
+    maps = build_maps(lights(), MultiplaneOptions(**options), ONE_THREAD)
+    where = MultiplaneOptions(views=16).locations(maps.lens)
+    smoothing = MultiplaneOptions(views=16, smoothing=1.0).smoothing_of(
+        maps.shear.slope, maps.grid.cells, maps.lens, where
+    )
+    everywhere = np.full(maps.plane_count, 1e4)
+    band = smooth_band(maps, smoothing, everywhere, (0, maps.height), ONE_THREAD)
+    machine = PhasesMachine(order)
+    smoothed = smooth_planes(machine, DevicePlanes.of_maps(machine, maps), smoothing)
+    assert f"multiplane_smooth_{name}" in machine.launches
+    np.testing.assert_array_equal(smoothed.slots, band.slots)
+    added = touched_places(maps, smoothing) & (maps.slots < 0)
+    assert (added & (band.slots >= 0)).any()
+    assert (added & (band.slots < 0)).any()
+    for place in np.flatnonzero(band.slots >= 0):
+        plane = int(np.searchsorted(maps.grid.first_slot, place, side="right")) - 1
+        if smoothing.sigma[plane] > 0:
+            on_card, on_host = block_of(
+                smoothed.texels, band.halves, int(band.slots[place]), int(smoothing.cells[plane])
+            )
+            np.testing.assert_allclose(on_card, on_host, rtol=2e-3, atol=2e-4)
+
+
+def block_of(texels: Any, halves: Any, first: int, cells: int) -> tuple[Any, Any]:
+    """Return a block of the card's and the host's, each (channels, maps, cells of a map)."""
+    unit, padding = _native.UNIT_HALVES, _native.HALF_PADDING
+    on_card = texels[first : first + cells**2].transpose(2, 0, 1)
+    own = halves[padding + first * unit : padding + (first + cells**2) * unit]
+    on_card, on_host = (
+        np.ascontiguousarray(block).view(np.float16).astype(np.float64)
+        for block in (on_card, own.reshape(on_card.shape))
+    )
+    return on_card, on_host
 
 
 def test_images_through_another_lens() -> None:

@@ -1,8 +1,9 @@
 // From planes to images on a GPU. Twin of src/fewrays/multiplane/reference.py.
 //
-// Smoothing: a block of threads makes one block of a smoothed plane. Rendering: a block of threads has a tile of the
-// image and goes through all views, and in each through all planes that the tile can see, front to back. What its
-// pixels have seen stays in registers; where the view looks at each plane is worked out once for all of them.
+// Smoothing: a block of threads makes one block of a smoothed plane, or gives up its place. Rendering: a block of
+// threads has a tile of the image and goes through all views, and in each through all planes that the tile can see,
+// front to back. What its pixels have seen stays in registers; where the view looks at each plane is worked out once
+// for all of them.
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -30,12 +31,11 @@ struct RenderArguments {
     const DepthPlane* planes;         // (count), front to back
     const float* shrink;              // (count): scale of offsets and lens points
     const float* reach;               // (count): pixels that any view shifts each plane, at most
-    const HalfTexel* const* sources;  // (count): each plane's blocks
-    const std::int32_t* first_maps;   // (count): number of the first of them in `slots`
-    const std::int32_t* shifts;       // (count): 2 where a smoothed plane has one map for four of the plane, else 0
+    const std::uint8_t* is_smoothed;  // (count): whether blocks are in `smoothed` instead of `built`
     const std::int32_t* slots;        // of each place for a block, the number of its first map; -1 without one
-    const float* views;               // (view_count, 6): u, v, time, offset from the pixel's centre (x, y), weight
-    float* image;                     // (height, width, 4): radiance, and the share of the light that planes know
+    const HalfTexel *built, *smoothed;
+    const float* views;  // (view_count, 6): u, v, time, offset from the pixel's centre (x, y), weight
+    float* image;        // (height, width, 4): radiance, and the share of the light that planes know
     FrontRim rim;
     std::int32_t count, view_count, height, width;
     std::int32_t vignetted, darken;
@@ -45,7 +45,6 @@ struct RenderArguments {
 struct PlaneView {
     const HalfTexel* source;
     const std::int32_t* slots;
-    std::int32_t first_map, shift;
     std::int32_t column, row, columns, rows;
     std::int32_t at[4];
     float weights[4];
@@ -105,10 +104,8 @@ inline int near_before(const RenderShared& shared, int first, int n) {
 inline PlaneView view_of(const RenderArguments& a, int k, const float* view) {
     const DepthPlane plane = a.planes[k];
     const Taps taps = taps_of(plane, shift_of(plane, a.shrink[k], view));
-    PlaneView seen{a.sources[k],
+    PlaneView seen{a.is_smoothed[k] ? a.smoothed : a.built,
                    a.slots + plane.first_slot,
-                   a.first_maps[k],
-                   a.shifts[k],
                    taps.column,
                    taps.row,
                    plane.columns,
@@ -130,8 +127,7 @@ inline void lay_behind(const PlaneView& plane, int row, int column, RenderPixel&
     if (block_row < 0 || block_row >= plane.rows || block_column < 0 || block_column >= plane.columns) return;
     const std::int32_t slot = plane.slots[block_row * plane.columns + block_column];
     if (slot < 0) return;
-    const HalfTexel* const place = plane.source +
-                                   static_cast<std::int64_t>((slot - plane.first_map) >> plane.shift) * map_size +
+    const HalfTexel* const place = plane.source + static_cast<std::int64_t>(slot) * map_size +
                                    (i & (block_rows - 1)) * map_row + (j & (block_columns - 1));
     Values values{};
     for (int tap = 0; tap < 4; ++tap) add(values, plane.weights[tap], load(place + plane.at[tap]));
@@ -223,17 +219,19 @@ inline void run_multiplane_render(const RenderArguments& a, const Block& block, 
 }
 
 constexpr int smooth_threads = 256;
-constexpr int most_reach = 32;  // cells; a wider Gaussian is cut off
+constexpr int most_reach = 32;                 // cells; a wider Gaussian is cut off
+constexpr float least_opacity = 1.0f / 32.0f;  // of a block that smoothing adds
 
 struct SmoothArguments {
     const DepthPlane* planes;
-    const std::int32_t* slots;   // as in RenderArguments
-    const std::int32_t* blocks;  // numbers of the places that have a block, in order
+    const std::int32_t* slots;   // of each place for a block, the number of its first map of `built`; -1 without one
+    std::int32_t* places;        // the same of `smoothed`; becomes -1 where next to nothing comes and `built` has none
+    const std::int32_t* blocks;  // numbers of the places that may have a smoothed block, in order
     const float* sigma;          // (count): standard deviation in pixels
     const HalfTexel* built;
-    HalfTexel* smoothed;            // blocks of the planes that are made, one after the other
-    std::int32_t count;             // of planes
-    std::int32_t first_block, end;  // those that are made are [first_block, end)
+    HalfTexel* smoothed;
+    std::int32_t count;        // of planes
+    std::int32_t first_block;  // of those that are made
 };
 
 FEWRAYS_INLINE float wide(float value) { return value; }
@@ -306,7 +304,8 @@ inline void smooth_block(const SmoothArguments& a, const Block& block, SmoothSha
     const int number = place - plane.first_slot, reach = shared.reach;
     const int top = number / plane.columns * block_rows * own, left = number % plane.columns * block_columns * own;
     const int rows = Shared::rows + 2 * reach, columns = Shared::columns + 2 * reach;
-    HalfTexel* const to = a.smoothed + static_cast<std::int64_t>(block.x()) * own * own * map_size;
+    const bool added = a.slots[place] < 0;
+    HalfTexel* const to = a.smoothed + static_cast<std::int64_t>(a.places[place]) * map_size;
     for (int channel = 0; channel < 4; ++channel) {
         block.each([&](int thread) {
             for (int i = thread; i < rows * columns; i += smooth_threads)
@@ -322,15 +321,26 @@ inline void smooth_block(const SmoothArguments& a, const Block& block, SmoothSha
                 shared.down[i / columns * Shared::stride + i % columns] = sum;
             }
         });
-        block.each([&](int thread) {
+        const bool any = block.any([&](int thread) {
+            bool speaks = false;
             for (int i = thread; i < Shared::rows * Shared::columns; i += smooth_threads) {
                 const int row = i / Shared::columns, column = i % Shared::columns;
                 const float* const middle = shared.down + row * Shared::stride + column + reach;
                 float sum = shared.taps[0] * middle[0];
                 for (int k = 1; k <= reach; ++k) sum += shared.taps[k] * (middle[-k] + middle[k]);
                 to[place_of_cell(own, row, column)].channels[channel] = to_half(sum);
+                // The last row and column repeat other blocks' cells.
+                speaks |= row < block_rows * own && column < block_columns * own && sum > least_opacity;
             }
+            return speaks;
         });
+        // Opacity comes first.
+        if (channel == 0 && added && !any) {
+            block.each([&](int thread) {
+                if (thread == 0) a.places[place] = -1;
+            });
+            return;
+        }
     }
 }
 

@@ -144,7 +144,7 @@ def assign_planes(samples: SampleBuffer, rule: SlabRule) -> Assignment:
     order = np.argsort(means[:, 0], kind="stable")
     plane_of = np.argsort(order).astype(np.int16)[number]
     plane_of[samples.xy.reshape(-1, 2)[:, 0] <= OFF_IMAGE / 2] = -1
-    return Assignment(plane_of, means[order, 0], means[order, 1:])
+    return Assignment(plane_of, means[order, 0], means[order, 1:], int(np.count_nonzero(plane_of >= 0)))
 
 
 def _chunks(count: int) -> Iterator[slice]:

@@ -21,7 +21,16 @@ from fewrays.multiplane.maps import BLOCK, Grid, Maps, Shear, number_blocks
 from fewrays.parallel import Execution, map_ranges
 from fewrays.temporal.locations import Locations
 
-__all__ = ["Band", "Smoothing", "band_rows", "distance_between", "farthest_shift", "smooth_band", "widened"]
+__all__ = [
+    "Band",
+    "Smoothing",
+    "band_rows",
+    "distance_between",
+    "farthest_shift",
+    "smooth_band",
+    "touched_places",
+    "widened",
+]
 
 Bools = npt.NDArray[np.bool_]
 Float32 = npt.NDArray[np.float32]
@@ -145,7 +154,7 @@ def smooth_band(
     Band
         Its planes can be seen from all views in its rows of tiles.
     """
-    wide = _touched(maps, smoothing)
+    wide = touched_places(maps, smoothing)
     near = wide & _blocks_near(maps.grid, *rows, farthest)
     places, units = number_blocks(near, replace(maps.grid, cells=smoothing.cells))
     halves = np.empty(units * _native.UNIT_HALVES + 2 * _native.HALF_PADDING, np.uint16)
@@ -163,7 +172,7 @@ def smooth_band(
     return Band(np.where(smoothed, places, maps.slots), halves)
 
 
-def _touched(maps: Maps, smoothing: Smoothing) -> Bools:
+def touched_places(maps: Maps, smoothing: Smoothing) -> Bools:
     """Return which places for blocks smoothed planes may reach."""
     touched = np.zeros(maps.grid.slot_count, np.bool_)
     for plane, (columns, rows) in enumerate(maps.grid.shape):

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from fewrays.cuda.kernel import Kernel
 from fewrays.cuda.machine import Machine, blocks_for
 from fewrays.cuda.samples import SAMPLE_FIELDS, DeviceSamples
-from fewrays.multiplane.cuda.render import plane_records
+from fewrays.multiplane.cuda.planes import plane_records
 from fewrays.multiplane.maps import BLOCK, Grid, Maps, Shear
 from fewrays.multiplane.slabs import FARTHEST, MOST_PLANES, Assignment, SlabRule
 
@@ -164,9 +164,9 @@ def assign(machine: Machine, samples: DeviceSamples, rule: SlabRule) -> Assigned
     means = sums[:, 1:] / _MEAN_UNIT / np.maximum(sums[:, :1], 1)
     order = np.argsort(means[:, 0], kind="stable")
     ranks = machine.on_device(np.argsort(order), np.int16)
-    return Assigned(
-        keys, plane_keys, ranks, Assignment(np.zeros(0, np.int16), means[order, 0], means[order, 1:])
-    )
+    kept = int(sums[:, 0].sum())
+    planes = Assignment(np.zeros(0, np.int16), means[order, 0], means[order, 1:], kept)
+    return Assigned(keys, plane_keys, ranks, planes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +178,7 @@ class Marked:
     plane_of : array of int16, (N,)
     places : array of float32, (N, 2)
         Where the lens centre sees each sample's surface at half time.
-    slots, blocks : array of int32
+    slots : array of int32
         As of `DevicePlanes`.
     first_tile : array of int32, (K,)
         Of each plane, among all places for tiles.
@@ -193,7 +193,6 @@ class Marked:
     plane_of: Any
     places: Any
     slots: Any
-    blocks: Any
     first_tile: Any
     tile_of: Any
     tiles: Any
@@ -264,7 +263,6 @@ def mark(
         plane_of,
         places,
         xp.where(marks > 0, maps_before[:-1], -1).astype(np.int32),
-        xp.flatnonzero(marks).astype(np.int32),
         on_card,
         xp.where(kept > 0, tiles_before[:-1], -1).astype(np.int32),
         xp.flatnonzero(kept).astype(np.int32),

@@ -14,8 +14,7 @@ from fewrays.cuda.machine import Machine, blocks_for
 from fewrays.cuda.samples import SAMPLE_FIELDS, DeviceSamples
 from fewrays.multiplane.build import BuildOptions, beyond_memory, extents, radiance_scale
 from fewrays.multiplane.cuda.assign import Marked, assign, mark, outline
-from fewrays.multiplane.cuda.planes import CHANNELS, MAP_CELLS, DevicePlanes
-from fewrays.multiplane.cuda.render import plane_records
+from fewrays.multiplane.cuda.planes import CHANNELS, MAP_CELLS, DevicePlanes, plane_records
 from fewrays.multiplane.maps import BLOCK, Maps
 
 __all__ = ["KERNELS", "build_planes"]
@@ -90,9 +89,11 @@ def build_planes(machine: Machine, samples: DeviceSamples, options: BuildOptions
         grid = replace(grid, cells=np.where(coarse, 1, grid.cells).astype(np.int32))
         marked = mark(machine, samples, planes, shear, grid, rule.most_blur)
     empty = outline(samples, shear, grid, radiance_scale(marked.brightest))
+    # The host waits now, so that it need not for every image.
+    known = replace(empty, slots=machine.on_host(marked.slots))
     texels = machine.xp.zeros((int(marked.first_map[-1]), MAP_CELLS, CHANNELS), np.uint16)
-    _estimate(machine, samples, empty, marked, options.prior, texels)
-    return DevicePlanes(empty, marked.slots, texels, marked.blocks, marked.first_block, marked.first_map)
+    _estimate(machine, samples, known, marked, options.prior, texels)
+    return DevicePlanes(known, marked.slots, texels, marked.first_map)
 
 
 def _estimate(

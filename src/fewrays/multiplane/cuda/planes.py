@@ -18,7 +18,7 @@ from fewrays.cuda.machine import Machine
 from fewrays.lens import Lens
 from fewrays.multiplane.maps import Maps
 
-__all__ = ["CHANNELS", "MAP_CELLS", "DevicePlanes"]
+__all__ = ["CHANNELS", "MAP_CELLS", "DevicePlanes", "plane_records"]
 
 CHANNELS = 4
 """Opacity, and radiance times opacity."""
@@ -36,29 +36,24 @@ class DevicePlanes:
     Parameters
     ----------
     outline : Maps
-        What the host knows: all but the blocks. Its ``slots`` and ``halves`` are empty.
+        What the host knows: all but the blocks themselves. Its ``halves`` are empty.
     slots : array of int32
-        As `Maps.slots`.
+        The slots of `outline` once more.
     texels : array of uint16, (maps, `MAP_CELLS`, `CHANNELS`)
         Half-precision numbers, as bits, of one map after the other: a block has ``cells²``.
-    blocks : array of int32, (B,)
-        Which places have a block, in order.
-    first_block, first_map : ndarray of int64, (K + 1,)
+    first_map : ndarray of int64, (K + 1,)
         Of each plane, and the end.
     """
 
     outline: Maps
     slots: Any
     texels: Any
-    blocks: Any
-    first_block: _Int64
     first_map: _Int64
 
     @classmethod
     def of_maps(cls, machine: Machine, maps: Maps) -> DevicePlanes:
         """Copy planes to the card."""
-        kept = maps.slots >= 0
-        first_block, first_map = ends_of_planes(maps, kept)
+        first_map = _first_map(maps)
         texels = machine.xp.empty((int(first_map[-1]), MAP_CELLS, CHANNELS), np.uint16)
         padding = _native.HALF_PADDING
         halves = machine.on_device(maps.halves[padding : len(maps.halves) - padding], np.uint16)
@@ -67,14 +62,8 @@ class DevicePlanes:
             # A block holds one channel after the other, each with all its maps.
             apart = own.reshape(-1, CHANNELS, cells**2, MAP_CELLS)
             texels[first:end] = apart.transpose(0, 2, 3, 1).reshape(-1, MAP_CELLS, CHANNELS)
-        return cls(
-            outline_of(maps),
-            machine.on_device(maps.slots, np.int32),
-            texels,
-            machine.on_device(np.flatnonzero(kept), np.int32),
-            first_block,
-            first_map,
-        )
+        outline = replace(maps, halves=np.zeros(0, np.uint16))
+        return cls(outline, machine.on_device(maps.slots, np.int32), texels, first_map)
 
     def to_maps(self, machine: Machine) -> Maps:
         """Copy them to the host."""
@@ -86,7 +75,7 @@ class DevicePlanes:
             together = texels[first:end].reshape(-1, cells**2, MAP_CELLS, CHANNELS)
             own = inner[first * _native.UNIT_HALVES : end * _native.UNIT_HALVES]
             own[:] = together.transpose(0, 3, 1, 2).ravel()
-        return replace(self.outline, slots=machine.on_host(self.slots), halves=halves)
+        return replace(self.outline, halves=halves)
 
     @property
     def height(self) -> int:
@@ -111,21 +100,20 @@ class DevicePlanes:
     @property
     def nbytes(self) -> int:
         """Bytes of the card's memory that they take."""
-        return int(self.texels.nbytes + self.slots.nbytes + self.blocks.nbytes)
+        return int(self.texels.nbytes + self.slots.nbytes)
 
 
-def outline_of(maps: Maps) -> Maps:
-    """Return what is left of planes without their blocks."""
-    return replace(maps, slots=np.zeros(0, np.int32), halves=np.zeros(0, np.uint16))
+def plane_records(maps: Maps) -> npt.NDArray[np.int32]:
+    """Return planes as ``DepthPlane`` in ``native/math/depth_plane.h`` has them, as bits, (K, 10)."""
+    shears = np.column_stack([maps.shear.slope, maps.shear.motion, maps.scale]).astype(np.float32)
+    grids = [maps.grid.cells, maps.grid.corner, maps.grid.shape, maps.grid.first_slot]
+    return np.column_stack([shears.view(np.int32), *grids]).astype(np.int32)
 
 
-def ends_of_planes(maps: Maps, kept: npt.NDArray[np.bool_]) -> tuple[_Int64, _Int64]:
-    """Return the first block and the first map of each plane, (K + 1,), for the places that have blocks."""
-    numbers = np.concatenate([[0], np.cumsum(kept)])
-    ends = np.append(maps.grid.first_slot, len(kept))
-    first_block = numbers[ends].astype(np.int64)
-    maps_of_planes = np.diff(first_block) * maps.grid.cells.astype(np.int64) ** 2
-    return first_block, np.concatenate([[0], np.cumsum(maps_of_planes)])
+def _first_map(maps: Maps) -> _Int64:
+    """Return the first map of each plane, and the end, (K + 1,)."""
+    blocks = np.add.reduceat(maps.slots >= 0, maps.grid.first_slot, dtype=np.int64)
+    return np.concatenate([[0], np.cumsum(blocks * maps.grid.cells.astype(np.int64) ** 2)])
 
 
 def _ranges(first_map: _Int64, maps: Maps) -> list[tuple[int, int, int]]:
