@@ -118,7 +118,7 @@ def lights() -> SampleBuffer:
         Plane(lens.depth(-30.0), constant(20.0), disc(centre, radius))
         for centre, radius in (((60.0, 44.0), 9.0), ((112.0, 60.0), 4.0))
     ]
-    return sample([*discs, Plane(lens.depth(4.0), constant(0.5))], lens, 96, 160, 2)
+    return sample([*discs, Plane(lens.depth(4.0), constant(0.5))], lens, 96, 160, 4)
 
 
 @pytest.mark.parametrize("order", ORDERS)
