@@ -1,9 +1,9 @@
 # One word a task. PYTHON=... chooses the interpreter, best that of a virtual environment.
 PYTHON ?= python3
 CLANG_FORMAT ?= $(shell $(PYTHON) -c "import sysconfig; print(sysconfig.get_path('scripts'))")/clang-format
-NATIVE := $(wildcard native/*.cpp native/*.h native/*/*.h)
+NATIVE := $(wildcard native/*.cpp native/*.h native/*/*.h native/*/*.cu)
 
-.PHONY: install test slow lint types fmt asan bench demo clean
+.PHONY: install test slow test-gpu kernels lint types fmt asan bench bench-gpu demo clean
 
 install:  # for development: an editable install with all tools
 	$(PYTHON) -m pip install --editable ".[dev]"
@@ -13,6 +13,13 @@ test:
 
 slow:  # the long quality runs as well
 	$(PYTHON) -m pytest --slow
+
+test-gpu:  # what needs an NVIDIA GPU and the "cuda" extra; without a GPU it says so
+	$(PYTHON) -m fewrays.cuda device
+	$(PYTHON) -m pytest -m gpu
+
+kernels:  # compile the GPU's kernels, which needs no GPU, and print what they take
+	$(PYTHON) -m fewrays.cuda
 
 lint:
 	$(PYTHON) -m ruff check
@@ -34,6 +41,9 @@ bench:  # needs the "bench" extra
 	$(PYTHON) benchmarks/quality.py
 	$(PYTHON) benchmarks/speed.py
 	$(PYTHON) benchmarks/robustness.py
+
+bench-gpu:  # needs an NVIDIA GPU, and the extras "cuda" and "bench"
+	$(PYTHON) benchmarks/gpu.py
 
 demo:
 	$(PYTHON) -m fewrays demo --out out

@@ -28,8 +28,9 @@ WAYS: dict[str, tuple[str, dict[str, Any]]] = {
     "layered": ("layered", {}),
     "temporal": ("temporal", {}),
     OURS: (OURS, {}),
+    f"{OURS}, no smoothing": (OURS, {"smoothing": 0.0}),
     f"{OURS}, 1024 views": (OURS, {"views": 1024}),
-    f"{OURS}, 1024 views, no smoothing": (OURS, {"views": 1024, "smoothing": 0.0}),
+    f"{OURS}, 8192 views": (OURS, {"views": 8192}),
 }
 """Method and options, by name."""
 SCENES = {

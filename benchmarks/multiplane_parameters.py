@@ -18,12 +18,13 @@ from scores import Score, score
 __all__ = ["VALUES", "Variant", "measure_variants", "section", "variants"]
 
 VALUES: Mapping[str, Sequence[Any]] = {
-    "thickness": (0.25, 0.5, 0.75, 1.0, 2.0),
+    "thickness": (0.25, 0.5, 0.7, 1.0, 2.0),
     "linear_to": (2.0, 4.0, 8.0, 16.0, 32.0),
     "cells": (1, 2, 3),
-    "fine_to": (0.0, 1.5, 3.0, 6.0, 12.0),
+    "fine_to": (0.0, 0.7, 1.4, 4.0),
+    "memory": (0.0, 25.0, 50.0),
     "prior": (0.03, 0.1, 0.3, 1.0, 3.0),
-    "smoothing": (0.0, 0.025, 0.05, 0.1),
+    "smoothing": (0.0, 0.16, 0.24, 0.4, 0.64),
     "motion_cell": (0.75, 1.5, 3.0, 6.0),
     "views": (16, 32, 64, 128, 256, 512),
 }

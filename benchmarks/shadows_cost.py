@@ -57,8 +57,8 @@ def section(cost: Cost, repetitions: int) -> Iterator[str]:
     yield "## Time"
     yield (
         f"CPU seconds on one thread for *{cost.label}*, {cost.width} x {cost.height} pixels, {_LOCATIONS} "
-        f"locations and as many light points per pixel, one lamp: median and range over rounds in which all take "
-        f"turns ({repetitions}; loaded machine: others ran on it at the time). Microseconds are for each location."
+        "locations and as many light points per pixel, one lamp: median and range over rounds in which all "
+        f"take turns ({repetitions}; loaded machine: others ran on it). Microseconds are for each location."
     )
     rows = [
         [name, spread(timing.cpu), _micro(timing.cpu_median, cost), f"{timing.cpu_median / camera:.2f}"]

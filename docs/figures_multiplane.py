@@ -133,7 +133,7 @@ def compensation() -> None:
             depth = at_slope(slope)
             built = Multiplane.build(sample([Plane(depth, texture)], LENS, 96, 96, 16))
             truth = exact_waves(texture, depth, LENS, 96, 96, pixel_filter="box")
-            with patch.object(render, "shrink_of", lambda shear, *_: np.ones(len(shear.slope))):
+            with patch.object(render, "shrink_of", lambda slope, *_: np.ones(len(slope))):
                 apart = built.render()
             rows.append(
                 [f"{period:g}", f"{slope:g}", quality(apart, truth, 24), quality(built.render(), truth, 24)]
@@ -201,7 +201,7 @@ def larger() -> None:
 
 
 def refocused() -> None:
-    """Measure planes that are looked at with another focus, and what resolution and views do for them."""
+    """Measure planes that are looked at with another focus, and what resolution does for them."""
     scene = leaves()
     samples = sample(scene, LENS, 128, 192, SPP)
     rows = []
@@ -209,17 +209,17 @@ def refocused() -> None:
         lens = LENS.refocus(at_slope(slope))
         truth = reference(scene, lens, 128, 192, spp=TRUTH_SPP, pixel_filter="box")
         ways = [
+            Multiplane.build(samples, memory=0.0).render(lens),
             Multiplane.build(samples).render(lens),
-            Multiplane.build(samples, fine_to=20.0).render(lens),
-            Multiplane.build(samples, fine_to=20.0, smoothing=0.0).render(lens, views=512),
+            Multiplane.build(samples, linear_to=32.0).render(lens),
             reconstruct(sample(scene, lens, 128, 192, SPP), "multiplane"),
         ]
         rows.append([f"{slope:g}", *(quality(image, truth, 32) for image in ways)])
     head = (
         "focus on C =",
+        "memory 0",
         "the same planes",
-        "fine_to 20",
-        "and no smoothing, 512 views",
+        "linear_to 32",
         "samples of that focus",
     )
     print_table("refocused: PSNR in dB, leaves", head, rows)

@@ -64,7 +64,8 @@ MipLevel make_mip_level(const Texels& texels) {
             static_cast<int>(texels.shape(1))};
 }
 
-// Planes as native code reads them: slope, motion (x, y) and smoothing; cells, left, top, columns, rows, first slot.
+// Planes as native code reads them: slope, motion (x, y) and scale of radiance; cells, left, top, columns, rows, first
+// slot.
 struct DepthPlanes {
     std::vector<DepthPlane> planes;
     float most_blur;
@@ -359,10 +360,12 @@ NB_MODULE(_native, m) {
     m.def(
         "multiplane_mark",
         [](const LightField& field, Array<const std::int16_t, -1> plane_of, const DepthPlanes& planes,
-           Array<std::uint8_t, -1> marks, Array<float, -1> reach) {
-            multiplane_mark(field, plane_of.data(), planes.with_slots(nullptr), marks.data(), reach.data());
+           Array<std::uint8_t, -1> marks, Array<float, -1> reach, Array<float, -1> brightest) {
+            multiplane_mark(field, plane_of.data(), planes.with_slots(nullptr), marks.data(), reach.data(),
+                            brightest.data());
         },
-        "field"_a, "plane_of"_a, "planes"_a, "marks"_a, "reach"_a, nb::call_guard<nb::gil_scoped_release>());
+        "field"_a, "plane_of"_a, "planes"_a, "marks"_a, "reach"_a, "brightest"_a,
+        nb::call_guard<nb::gil_scoped_release>());
     m.def(
         "multiplane_runs",
         [](const LightField& field, Array<const std::int16_t, -1> plane_of, int length, int first, int last,
@@ -373,28 +376,40 @@ NB_MODULE(_native, m) {
         "multiplane_build",
         [](const LightField& field, Array<const std::int16_t, -1> plane_of, const DepthPlanes& planes,
            Array<const std::int32_t, -1> slots, const SampleRuns& runs, int run_length, Array<const float, -1> reach,
-           float prior, float scale, Array<const std::int32_t, -1, 3> parts, int first, int last,
-           Array<Half, -1> halves) {
-            const BuildPlan plan{run_length, static_cast<int>(runs.runs.size()), runs.runs.data(), reach.data(), prior,
-                                 scale};
+           float prior, Array<const std::int32_t, -1, 3> parts, int first, int last, Array<Half, -1> halves) {
+            const BuildPlan plan{run_length, static_cast<int>(runs.runs.size()), runs.runs.data(), reach.data(), prior};
             for (int part = first; part < last; ++part) {
                 const std::int32_t* row = parts.data() + std::ptrdiff_t{3} * part;
                 multiplane_build(field, plane_of.data(), planes.with_slots(slots.data()), plan,
                                  {row[0], row[1], row[2]}, halves.data());
             }
         },
-        "field"_a, "plane_of"_a, "planes"_a, "slots"_a, "runs"_a, "run_length"_a, "reach"_a, "prior"_a, "scale"_a,
-        "parts"_a, "first"_a, "last"_a, "halves"_a, nb::call_guard<nb::gil_scoped_release>());
+        "field"_a, "plane_of"_a, "planes"_a, "slots"_a, "runs"_a, "run_length"_a, "reach"_a, "prior"_a, "parts"_a,
+        "first"_a, "last"_a, "halves"_a, nb::call_guard<nb::gil_scoped_release>());
+    m.def(
+        "multiplane_smooth",
+        [](const DepthPlanes& planes, Array<const std::int32_t, -1> slots, Array<const Half, -1> halves,
+           Array<const float, -1> sigma, Array<const std::int32_t, -1> cells, Array<std::int32_t, -1> places,
+           Array<const std::int32_t, -1, 3> parts, int first, int last, Array<Half, -1> smoothed) {
+            for (int part = first; part < last; ++part) {
+                const std::int32_t* row = parts.data() + std::ptrdiff_t{3} * part;
+                multiplane_smooth(planes.with_slots(slots.data()), halves.data(), sigma.data()[row[0]],
+                                  cells.data()[row[0]], places.data(), {row[0], row[1], row[2]}, smoothed.data());
+            }
+        },
+        "planes"_a, "slots"_a, "halves"_a, "sigma"_a, "cells"_a, "places"_a, "parts"_a, "first"_a, "last"_a,
+        "smoothed"_a, nb::call_guard<nb::gil_scoped_release>());
     m.def(
         "multiplane_render",
-        [](const DepthPlanes& planes, Array<const std::int32_t, -1> slots, Array<const Half, -1> halves, float scale,
-           Array<const float, -1, 6> views, Array<const float, -1> shrink, const FrontRim& rim, bool vignetted,
-           bool darken, int first, int last, Array<float, -1, -1, 4> image) {
+        [](const DepthPlanes& planes, Array<const std::int32_t, -1> slots, Array<const Half, -1> built,
+           Array<const Half, -1> smoothed, Array<const std::uint8_t, -1> is_smoothed, Array<const float, -1, 6> views,
+           Array<const float, -1> shrink, const FrontRim& rim, bool vignetted, bool darken, int first, int last,
+           Array<float, -1, -1, 4> image) {
             const ViewSet set{static_cast<int>(views.shape(0)), views.data(), shrink.data(), rim, vignetted, darken};
-            multiplane_render(
-                planes.with_slots(slots.data()), halves.data(), set, first, last,
-                {static_cast<int>(image.shape(0)), static_cast<int>(image.shape(1)), scale, image.data()});
+            multiplane_render(planes.with_slots(slots.data()), {built.data(), smoothed.data(), is_smoothed.data()}, set,
+                              first, last,
+                              {static_cast<int>(image.shape(0)), static_cast<int>(image.shape(1)), image.data()});
         },
-        "planes"_a, "slots"_a, "halves"_a, "scale"_a, nb::kw_only(), "views"_a, "shrink"_a, "rim"_a, "vignetted"_a,
-        "darken"_a, "first"_a, "last"_a, "image"_a, nb::call_guard<nb::gil_scoped_release>());
+        "planes"_a, "slots"_a, "built"_a, "smoothed"_a, "is_smoothed"_a, nb::kw_only(), "views"_a, "shrink"_a, "rim"_a,
+        "vignetted"_a, "darken"_a, "first"_a, "last"_a, "image"_a, nb::call_guard<nb::gil_scoped_release>());
 }

@@ -7,17 +7,15 @@
 #include <vector>
 
 #include "math/disparity.h"
+#include "math/sheet_lookup.h"
 #include "simd.h"
 #include "thread_clock.h"
 
 namespace fewrays {
 namespace {
 
-constexpr int channels = 5;      // of a ray, light and coverage, and of the sums
 constexpr int beyond = 1 << 20;  // any image
 constexpr int largest_block = 64;
-constexpr int texel_size = 8;
-static_assert(sizeof(Texel) == texel_size * sizeof(float));
 
 struct Rectangle {
     int top, left, bottom, right;  // the last two not included
@@ -118,43 +116,6 @@ FEWRAYS_INLINE void warp_block(const Sheets& sheets, const Block& block, float u
                     keep_nearest(nearest[to_row * columns + to_column], key);
         }
     }
-}
-
-// What a ray carries: light and coverage, both times `total`.
-struct Found {
-    float values[texel_size] = {};
-    float total = 0;
-
-    FEWRAYS_INLINE void add(const Texel& texel, float slope, float tolerance, float area) {
-        const float weight = std::fabs(texel.slope - slope) <= tolerance ? area : 0.0f;
-        total += weight;
-        // All of the texel, of which some is of no use: one wide instruction.
-        const float* const from = reinterpret_cast<const float*>(&texel);
-        for (int k = 0; k < texel_size; ++k) values[k] += weight * from[k];
-    }
-};
-
-// Looks up a sheet between pixels, at (x, y), among those that belong to the surface of one of them.
-FEWRAYS_INLINE Found look_up(const Sheets& sheets, std::uint32_t number, float x, float y, float tolerance) {
-    const Texel& own = sheets.texels[number];
-    const std::ptrdiff_t width = sheets.width, size = sheets.height * width;
-    const Texel* const sheet = sheets.texels + static_cast<std::ptrdiff_t>(number) / size * size;
-    const std::int32_t left = floor_to_int(x), top = floor_to_int(y);
-    const float along = x - static_cast<float>(left), down = y - static_cast<float>(top);
-    const float areas[4] = {(1 - down) * (1 - along), (1 - down) * along, down * (1 - along), down * along};
-    Found found;
-    if (left >= 0 && top >= 0 && left + 1 < sheets.width && top + 1 < sheets.height) {
-        const Texel* const corner = sheet + top * width + left;
-        const Texel* const taps[4] = {corner, corner + 1, corner + width, corner + width + 1};
-        for (int tap = 0; tap < 4; ++tap) found.add(*taps[tap], own.slope, tolerance, areas[tap]);
-    } else {
-        for (int tap = 0; tap < 4; ++tap) {
-            const std::ptrdiff_t i = mirrored(top + tap / 2, sheets.height);
-            found.add(sheet[i * width + mirrored(left + tap % 2, sheets.width)], own.slope, tolerance, areas[tap]);
-        }
-    }
-    if (!(found.total > 0)) found.add(own, own.slope, tolerance, 1);
-    return found;
 }
 
 // All views of one tile after the other.
@@ -265,40 +226,19 @@ FEWRAYS_CLONES void TileViews::warp(float u, float v) {
 
 FEWRAYS_CLONES void TileViews::synthesize(float u, float v, float weight, float* sums) const {
     const int columns = view_.right - view_.left;
+    const TexelImage sheet{sheets_.texels, sheets_.height, sheets_.width, plan_.tolerance};
     for (int i = view_.top; i < view_.bottom; ++i)
         for (int j = view_.left; j < view_.right; ++j) {
             const int cell = (i - view_.top) * columns + j - view_.left;
-            std::uint64_t behind = 0;  // what has been composited is no farther
-            const std::uint64_t last = opaque_[cell];
             const std::ptrdiff_t pixel = std::ptrdiff_t{i} * sheets_.width + j;
-            float* const sum = sums + channels * pixel;
             const float passing = weight * passing_at(u, v, i, j);
             if (plan_.passed) plan_.passed[pixel] += passing;
-            float remaining = 1;
-            const auto see = [&](std::uint64_t key) {
-                const auto number = static_cast<std::uint32_t>(key);
-                const float slope = sheets_.texels[number].slope;
-                return look_up(sheets_, number, static_cast<float>(j) - slope * u, static_cast<float>(i) - slope * v,
-                               plan_.tolerance);
+            const RayPlace ray{static_cast<float>(j), static_cast<float>(i), u, v};
+            const auto key_of_veil = [&](std::size_t k) {
+                return veils_[static_cast<std::size_t>(veiled_[k])][static_cast<std::size_t>(cell)];
             };
-            for (std::size_t pass = 0; pass < veiled_.size(); ++pass) {
-                std::uint64_t next = nothing_visible;
-                for (int sheet : veiled_) {
-                    const std::uint64_t key = veils_[sheet][cell];
-                    if (key > behind) next = std::min(next, key);
-                }
-                if (next >> 32 >= last >> 32) break;
-                const Found found = see(next);
-                const float scale = remaining / found.total;
-                for (int k = 0; k < channels; ++k) sum[k] += passing * scale * found.values[k];
-                remaining *= 1 - found.values[4] / found.total;
-                behind = next;
-            }
-            if (last == nothing_visible) continue;
-            const Found found = see(last);
-            const float share = passing * remaining, scale = share / found.values[4];
-            for (int k = 0; k < 4; ++k) sum[k] += scale * found.values[k];
-            sum[4] += share;
+            add_ray(sheet, ray, opaque_[static_cast<std::size_t>(cell)], veiled_.size(), key_of_veil, passing,
+                    sums + ray_channels * pixel);
         }
 }
 

@@ -4,22 +4,10 @@
 #include <cstdint>
 
 #include "math/cats_eye.h"
+#include "math/sheet_lookup.h"
+#include "math/texel_blur.h"
 
 namespace fewrays {
-
-// One pixel of a sheet for lookups.
-struct Texel {
-    float light[4];  // radiance and opacity, multiplied by coverage
-    float coverage;
-    float slope;      // far from any other where there is nothing
-    float unused[2];  // one texel is one wide load
-};
-
-// One pixel of a sheet for warping, which reads much more of them.
-struct WarpPixel {
-    float slope;
-    float spread;  // how much wider than a pixel it may look from the rim of the lens; negative where it is not warped
-};
 
 // All sheets, (sheet_count, H, W).
 struct Sheets {
@@ -54,25 +42,12 @@ struct StageSeconds {
     double warping, synthesis;
 };
 
-// One level of a mip pyramid, (H, W); level 0 is a sheet.
-struct MipLevel {
-    Texel* texels;
-    int height, width;
-};
-
 // Rows [first, last) of the next coarser level.
 void dynamic_halve(const MipLevel& fine, const MipLevel& coarse, int first, int last);
 
 // Blurs rows [first, last) of the level 0 of a pyramid in place, as wide as a part of the aperture, of a radius in lens
 // units, blurs them.
 void dynamic_mipmap(const MipLevel* levels, int level_count, float view_radius, int first, int last);
-
-// How surfaces are blurred: by a cascade of kernels, up to a deviation of `radius` times the slope.
-struct BlurRule {
-    float radius;
-    float tolerance, relative;  // slopes that differ by so many pixels, or by that share, are one surface
-    int level;                  // number of the kernel
-};
 
 // One pass of a kernel over rows [first, last), along x: from `level` into `passed`.
 void dynamic_blur_along(const MipLevel& level, const MipLevel& passed, const BlurRule& rule, int first, int last);

@@ -27,7 +27,7 @@ FEWRAYS_INLINE float from_half(Half half) { return half_bits(half) * half_bias; 
 
 // To the nearest; at most largest_half in size. What is below 2^-14 becomes 0, so that half_bits is never subnormal.
 FEWRAYS_INLINE Half to_half(float value) {
-    const float size = std::fmin(std::fabs(value), largest_half);
+    const float full = std::fabs(value), size = full < largest_half ? full : largest_half;
     const std::uint32_t rounded = std::bit_cast<std::uint32_t>(size) + 0x1000u;
     const std::uint32_t bits = size < 0x1p-14f ? 0u : (rounded >> 13) - (112u << 10);
     return static_cast<Half>((bits < 0x7c00u ? bits : 0x7bffu) | (value < 0.0f ? 0x8000u : 0u));

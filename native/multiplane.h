@@ -8,24 +8,10 @@
 
 #include "half.h"
 #include "math/cats_eye.h"
+#include "math/depth_plane.h"
 #include "sample_tree.h"
 
 namespace fewrays {
-
-constexpr int block_columns = 32, block_rows = 8;  // a block's size in pixels
-
-struct DepthPlane {
-    float slope, motion_x, motion_y;  // pixels per lens unit; pixels per shutter interval
-    float smoothing;                  // standard deviation of what is smoothed over, in pixels
-    std::int32_t cells;               // per pixel and axis, 1 to 3
-    std::int32_t left, top;           // of the first block, in pixels
-    std::int32_t columns, rows;       // of blocks
-    std::int32_t first_slot;          // of the blocks, row by row
-};
-
-// Halves that a block of a plane takes, in units of those of one cell per pixel: (cells, cells) interleaved maps, each
-// of four channels of block_rows + 1 by block_columns + 1 values. The last row and column repeat the neighbours'.
-constexpr std::int64_t unit_halves = std::int64_t{4} * (block_rows + 1) * (block_columns + 1);
 
 // Halves before the first block and after the last: pixels are read sixteen at a time, some of them outside the block.
 constexpr std::int64_t half_padding = 64;
@@ -44,9 +30,10 @@ struct Run {
 };
 
 // Marks the blocks that samples touch: `marks` has a place for every slot. `reach` takes, for every plane, how far from
-// its image position a sample hits it, in pixels. Samples of plane -1 are left out.
+// its image position a sample hits it, in pixels, and `brightest` the largest of its radiances in size. Samples of
+// plane -1 are left out.
 void multiplane_mark(const LightField& field, const std::int16_t* plane_of, const PlaneSet& set, std::uint8_t* marks,
-                     float* reach);
+                     float* reach, float* brightest);
 
 // Describes runs of `length` samples each, [first, last).
 void multiplane_runs(const LightField& field, const std::int16_t* plane_of, int length, int first, int last, Run* runs);
@@ -56,16 +43,27 @@ struct BuildPlan {
     const Run* runs;
     const float* reach;  // of each plane
     float prior;         // samples that a neighbourhood's estimate counts as
-    float scale;         // of radiance, so that half precision holds it
 };
 
-// A part of a plane that is built at once: rows of blocks [first_row, last_row).
-struct BuildPart {
+// A part of a plane that is worked on at once: rows of blocks [first_row, last_row).
+struct PlanePart {
     std::int32_t plane, first_row, last_row;
 };
 
 void multiplane_build(const LightField& field, const std::int16_t* plane_of, const PlaneSet& set, const BuildPlan& plan,
-                      const BuildPart& part, Half* halves);
+                      const PlanePart& part, Half* halves);
+
+// Smooths the blocks of a part for which `places` has room, of `smoothed`; `places` is as `set.slots`. The Gaussian's
+// standard deviation is in pixels. The smoothed blocks have so many cells per pixel and axis: the plane's own, or one
+// where it has two. Places for blocks that the plane itself does not have become -1 where next to nothing comes.
+void multiplane_smooth(const PlaneSet& set, const Half* halves, float sigma, int cells, std::int32_t* places,
+                       const PlanePart& part, Half* smoothed);
+
+// Where blocks are: planes are smoothed, or as they were built.
+struct Blocks {
+    const Half *built, *smoothed;
+    const std::uint8_t* is_smoothed;  // (planes,)
+};
 
 // What every pixel is the mean of.
 struct ViewSet {
@@ -78,13 +76,12 @@ struct ViewSet {
 
 struct RenderTarget {
     int height, width;
-    float scale;   // of radiance
     float* image;  // (H, W, 4): radiance, and the share of the light that planes account for
 };
 
-// Renders rows of tiles [first, last), each tile_rows pixels high.
+// Renders tiles [first, last), which are numbered row by row.
 constexpr int tile_rows = 16, tile_columns = 64;
-void multiplane_render(const PlaneSet& set, const Half* halves, const ViewSet& views, int first, int last,
+void multiplane_render(const PlaneSet& set, const Blocks& blocks, const ViewSet& views, int first, int last,
                        const RenderTarget& target);
 
 }  // namespace fewrays

@@ -4,28 +4,23 @@
 #include <memory>
 #include <vector>
 
+#include "math/plane_place.h"
 #include "multiplane.h"
+#include "multiplane_blocks.h"
 #include "simd.h"
 
 namespace fewrays {
 namespace {
 
-constexpr int halo = 32;     // cells around a region that its estimate draws on
-constexpr int levels = 5;    // of neighbourhoods, each of four times the cells; the widest is as wide as the halo
-constexpr int channels = 4;  // weight of hits, and their radiance
-
-struct Place {
-    float x, y;
-};
+constexpr int halo = 32;   // cells around a region that its estimate draws on
+constexpr int levels = 5;  // of neighbourhoods, each of four times the cells; the widest is as wide as the halo
+constexpr int channels = block_channels;  // weight of hits, and their radiance
 
 // Where the lens centre sees a sample's surface at half time.
 Place seen_from_center(const LightField& field, std::int32_t i, float most_blur) {
-    const Path path = field.path(i);
-    const float own = slope(field.depth[i], field.c0, field.c1), beyond = own - std::clamp(own, -most_blur, most_blur);
-    const float right = beyond * field.uv[2 * i], down = beyond * field.uv[2 * i + 1];
-    if (!field.motion || depth_at(path, 0.5f) < nearest_depth) return {path.x + right, path.y + down};
-    const Sight sight = sight_of(path, 0.0f, 0.0f, 0.5f, field.far_slope());
-    return {sight.x + right, sight.y + down};
+    const float own = slope(field.depth[i], field.c0, field.c1);
+    return place_on_plane(field.path(i), own, field.uv[2 * i], field.uv[2 * i + 1], most_blur, field.motion != nullptr,
+                          field.far_slope());
 }
 
 int whole(float x) { return floor_to_int(x); }
@@ -266,72 +261,6 @@ void estimate(std::vector<Maps>& pyramid, float prior) {
     for (std::size_t level = pyramid.size() - 1; level > 0; --level) refine(pyramid[level], pyramid[level - 1], prior);
 }
 
-// Blurs a map in place, along rows and then along columns; beyond its borders it goes on as it ends. `taps` holds the
-// middle one first.
-FEWRAYS_CLONES
-void blur(float* map, int rows, int columns, const std::vector<float>& taps, std::vector<float>& spare) {
-    const int reach = static_cast<int>(taps.size()) - 1;
-    const auto size = static_cast<std::size_t>(rows) * static_cast<std::size_t>(columns);
-    spare.resize(size + static_cast<std::size_t>(columns + 2 * reach));
-    float* const blurred = spare.data();
-    float* const padded = blurred + size + reach;
-    for (int i = 0; i < rows; ++i) {
-        const float* in = map + std::ptrdiff_t{i} * columns;
-        std::copy(in, in + columns, padded);
-        std::fill(padded - reach, padded, in[0]);
-        std::fill(padded + columns, padded + columns + reach, in[columns - 1]);
-        float* FEWRAYS_RESTRICT out = blurred + std::ptrdiff_t{i} * columns;
-        for (int j = 0; j < columns; ++j) out[j] = taps[0] * padded[j];
-        for (int k = 1; k <= reach; ++k) {
-            const float tap = taps[static_cast<std::size_t>(k)];
-            const float *before = padded - k, *after = padded + k;
-            for (int j = 0; j < columns; ++j) out[j] += tap * (before[j] + after[j]);
-        }
-    }
-    for (int i = 0; i < rows; ++i) {
-        const float* in = blurred + std::ptrdiff_t{i} * columns;
-        float* FEWRAYS_RESTRICT out = map + std::ptrdiff_t{i} * columns;
-        for (int j = 0; j < columns; ++j) out[j] = taps[0] * in[j];
-        for (int k = 1; k <= reach; ++k) {
-            const float tap = taps[static_cast<std::size_t>(k)];
-            const float* above = in - std::ptrdiff_t{std::min(k, i)} * columns;
-            const float* below = in + std::ptrdiff_t{std::min(k, rows - 1 - i)} * columns;
-            for (int j = 0; j < columns; ++j) out[j] += tap * (above[j] + below[j]);
-        }
-    }
-}
-
-std::vector<float> gaussian_taps(float sigma) {
-    const int reach = std::min(static_cast<int>(std::ceil(3.0f * sigma)), halo);
-    std::vector<float> taps(static_cast<std::size_t>(reach) + 1);
-    float total = 0.0f;
-    for (int k = 0; k <= reach; ++k) {
-        const float distance = static_cast<float>(k) / sigma;
-        taps[static_cast<std::size_t>(k)] = std::exp(-0.5f * distance * distance);
-        total += (k ? 2.0f : 1.0f) * taps[static_cast<std::size_t>(k)];
-    }
-    for (float& tap : taps) tap /= total;
-    return taps;
-}
-
-// Writes one block out of the maps of a region, whose first cell is (row, column) of the plane.
-template <int cells>
-void write_block(const Maps& maps, int row, int column, Half* halves) {
-    const std::size_t size = maps.cell_count();
-    const float* sources[channels] = {maps.opacity.data(), maps.color.data(), maps.color.data() + size,
-                                      maps.color.data() + 2 * size};
-    for (int c = 0; c < channels; ++c)
-        for (int b = 0; b < cells; ++b)
-            for (int a = 0; a < cells; ++a)
-                for (int j = 0; j <= block_rows; ++j)
-                    for (int i = 0; i <= block_columns; ++i) {
-                        const std::size_t at =
-                            static_cast<std::size_t>(row + j * cells + b) * static_cast<std::size_t>(maps.columns) +
-                            static_cast<std::size_t>(column + i * cells + a);
-                        *halves++ = to_half(sources[c][at]);
-                    }
-}
-
 // Turns the evidence of rows of blocks into maps, region by region.
 template <int cells>
 void resolve(const Evidence<cells>& evidence, const DepthPlane& plane, const std::int32_t* slots, float prior,
@@ -345,9 +274,7 @@ void resolve(const Evidence<cells>& evidence, const DepthPlane& plane, const std
     for (int level = 0; level <= levels; ++level) pyramid.emplace_back(rows >> level, columns >> level);
     Maps& maps = pyramid.front();
     const std::size_t size = maps.cell_count();
-    const float sigma = plane.smoothing * static_cast<float>(cells);
-    const std::vector<float> taps = sigma > 0.3f ? gaussian_taps(sigma) : std::vector<float>{};
-    std::vector<float> spare, kept(size);
+    std::vector<float> kept(size);
     for (int top = first_row; top < last_row; top += down) {
         for (int left = 0; left < plane.columns; left += across) {
             const int bottom = std::min(top + down, last_row), right = std::min(left + across, plane.columns);
@@ -365,14 +292,12 @@ void resolve(const Evidence<cells>& evidence, const DepthPlane& plane, const std
             for (std::size_t i = 0; i < size; ++i) maps.opacity[i] *= kept[i];
             for (std::size_t c = 0; c < 3; ++c)
                 for (std::size_t i = 0; i < size; ++i) maps.color[c * size + i] *= maps.opacity[i];
-            if (!taps.empty()) {
-                blur(maps.opacity.data(), rows, columns, taps, spare);
-                for (std::size_t c = 0; c < 3; ++c) blur(maps.color.data() + c * size, rows, columns, taps, spare);
-            }
+            const float* const sources[channels] = {maps.opacity.data(), maps.color.data(), maps.color.data() + size,
+                                                    maps.color.data() + 2 * size};
             for (int row = top; row < bottom; ++row)
                 for (int column = left; column < right; ++column)
                     if (const std::int32_t own = slot(row, column); own >= 0)
-                        write_block<cells>(maps, halo + (row - top) * Blocks::height,
+                        write_block<cells>(sources, columns, halo + (row - top) * Blocks::height,
                                            halo + (column - left) * Blocks::width,
                                            halves + half_padding + own * unit_halves);
         }
@@ -398,13 +323,14 @@ void passes_of_run(const float* FEWRAYS_RESTRICT xy, const float* FEWRAYS_RESTRI
 
 template <int cells>
 void build(const LightField& field, const std::int16_t* plane_of, const PlaneSet& set, const BuildPlan& plan,
-           const BuildPart& part, Half* halves) {
+           const PlanePart& part, Half* halves) {
     const DepthPlane& plane = set.planes[part.plane];
     constexpr int margin = (halo + Evidence<cells>::height - 1) / Evidence<cells>::height;
     const int first_row = std::max(part.first_row - margin, 0), last_row = std::min(part.last_row + margin, plane.rows);
     Evidence<cells> evidence(plane, set.slots, first_row, last_row);
     const float shift = std::fabs(plane.slope) + 0.5f * std::hypot(plane.motion_x, plane.motion_y);
     const float reach = 1.0f + std::max(shift, plan.reach[part.plane]);
+    const float scale = 1.0f / plane.scale;
     std::vector<float> x(static_cast<std::size_t>(plan.run_length)), y(x);
     for (int number = 0; number < plan.run_count; ++number) {
         const Run& run = plan.runs[number];
@@ -420,7 +346,7 @@ void build(const LightField& field, const std::int16_t* plane_of, const PlaneSet
                 evidence.pass({x[static_cast<std::size_t>(i)], y[static_cast<std::size_t>(i)]});
             else if (hit == part.plane)
                 evidence.hit(seen_from_center(field, first + i, set.most_blur),
-                             field.color + 3 * std::ptrdiff_t{first + i}, plan.scale);
+                             field.color + 3 * std::ptrdiff_t{first + i}, scale);
         }
     }
     resolve<cells>(evidence, plane, set.slots, plan.prior, part.first_row, part.last_row, halves);
@@ -429,12 +355,15 @@ void build(const LightField& field, const std::int16_t* plane_of, const PlaneSet
 }  // namespace
 
 void multiplane_mark(const LightField& field, const std::int16_t* plane_of, const PlaneSet& set, std::uint8_t* marks,
-                     float* reach) {
+                     float* reach, float* brightest) {
     std::fill(reach, reach + set.count, 0.0f);
+    std::fill(brightest, brightest + set.count, 0.0f);
     for (std::int32_t i = 0; i < field.count; ++i) {
         if (plane_of[i] < 0) continue;
         const DepthPlane& plane = set.planes[plane_of[i]];
         const Place place = seen_from_center(field, i, set.most_blur);
+        const float* color = field.color + 3 * std::ptrdiff_t{i};
+        for (int c = 0; c < 3; ++c) brightest[plane_of[i]] = std::max(brightest[plane_of[i]], std::fabs(color[c]));
         float& farthest = reach[plane_of[i]];
         farthest = std::max({farthest, std::fabs(place.x - field.xy[2 * i]), std::fabs(place.y - field.xy[2 * i + 1])});
         // Cells that share the sample, and one more to each side.
@@ -469,7 +398,7 @@ void multiplane_runs(const LightField& field, const std::int16_t* plane_of, int 
 }
 
 void multiplane_build(const LightField& field, const std::int16_t* plane_of, const PlaneSet& set, const BuildPlan& plan,
-                      const BuildPart& part, Half* halves) {
+                      const PlanePart& part, Half* halves) {
     switch (set.planes[part.plane].cells) {
         case 1:
             return build<1>(field, plane_of, set, plan, part, halves);

@@ -11,13 +11,7 @@ namespace {
 
 constexpr int lanes = 16;  // pixels that are composited at once
 constexpr int tile_pixels = tile_rows * tile_columns;
-constexpr int map_row = block_columns + 1, map_size = map_row * (block_rows + 1);
 constexpr float opaque = 0.01f;  // transmittance below which what lies behind does not show
-
-int divide_down(int a, int b) { return a >= 0 ? a / b : -((b - 1 - a) / b); }
-
-// Pixels beyond which there is no plane, and all numbers are still exact integers.
-float within_image_reach(float x) { return std::clamp(x, -1048576.0f, 1048576.0f); }
 
 // What one view sees in a tile, front to back.
 struct Sheet {
@@ -25,55 +19,26 @@ struct Sheet {
     alignas(64) float color[3][tile_pixels];
 };
 
-// How a view reads a plane: a pixel's four cells lie at the same places in every block.
-struct Taps {
-    int column, row;       // pixels of the plane, relative to the pixel's own
-    std::ptrdiff_t at[4];  // of the cells, in halves from the pixel's place in the first channel's first map
-    float weights[4];
-};
-
-Taps taps_of(const DepthPlane& plane, float x, float y) {
-    x = within_image_reach(x);
-    y = within_image_reach(y);
-    const int cells = plane.cells;
-    // The cell's coordinate for pixel 0, and how it falls apart into pixel and cell of it.
-    const float cell_x = (0.5f + x - static_cast<float>(plane.left)) * static_cast<float>(cells) - 0.5f;
-    const float cell_y = (0.5f + y - static_cast<float>(plane.top)) * static_cast<float>(cells) - 0.5f;
-    const int left = static_cast<int>(std::floor(cell_x)), top = static_cast<int>(std::floor(cell_y));
-    const float right_share = cell_x - static_cast<float>(left), down_share = cell_y - static_cast<float>(top);
-    Taps taps;
-    taps.column = divide_down(left, cells);
-    taps.row = divide_down(top, cells);
-    const int a = left - taps.column * cells, b = top - taps.row * cells;
-    for (int k = 0; k < 4; ++k) {
-        const int a_k = a + k % 2, b_k = b + k / 2;
-        const int map = (b_k % cells) * cells + a_k % cells;
-        taps.at[k] = std::ptrdiff_t{map} * map_size + (b_k / cells) * map_row + a_k / cells;
-        taps.weights[k] =
-            half_bias * (k % 2 ? right_share : 1.0f - right_share) * (k / 2 ? down_share : 1.0f - down_share);
-    }
-    return taps;
-}
-
 // Lays up to 16 pixels of a block behind what a view has seen so far.
 FEWRAYS_INLINE void lay_behind(const Half* FEWRAYS_RESTRICT block, const Taps& taps, std::ptrdiff_t channel,
-                               const float* FEWRAYS_RESTRICT mask, float* FEWRAYS_RESTRICT transmittance,
+                               float scale, const float* FEWRAYS_RESTRICT mask, float* FEWRAYS_RESTRICT transmittance,
                                float* FEWRAYS_RESTRICT red, float* FEWRAYS_RESTRICT green,
                                float* FEWRAYS_RESTRICT blue) {
     const Half* FEWRAYS_RESTRICT p0 = block + taps.at[0];
     const Half* FEWRAYS_RESTRICT p1 = block + taps.at[1];
     const Half* FEWRAYS_RESTRICT p2 = block + taps.at[2];
     const Half* FEWRAYS_RESTRICT p3 = block + taps.at[3];
-    const float w0 = taps.weights[0], w1 = taps.weights[1], w2 = taps.weights[2], w3 = taps.weights[3];
+    const float w0 = half_bias * taps.weights[0], w1 = half_bias * taps.weights[1];
+    const float w2 = half_bias * taps.weights[2], w3 = half_bias * taps.weights[3];
     const auto read = [&](std::ptrdiff_t i) {
         return w0 * half_bits(p0[i]) + w1 * half_bits(p1[i]) + w2 * half_bits(p2[i]) + w3 * half_bits(p3[i]);
     };
     for (std::ptrdiff_t i = 0; i < lanes; ++i) {
-        const float before = transmittance[i], through = before * mask[i];
+        const float before = transmittance[i], through = before * mask[i], share = scale * through;
         transmittance[i] = before - through * read(i);
-        red[i] += through * read(i + channel);
-        green[i] += through * read(i + 2 * channel);
-        blue[i] += through * read(i + 3 * channel);
+        red[i] += share * read(i + channel);
+        green[i] += share * read(i + 2 * channel);
+        blue[i] += share * read(i + 3 * channel);
     }
 }
 
@@ -106,8 +71,8 @@ void lay_plane(const DepthPlane& plane, const std::int32_t* slots, const Half* h
                     if (most < opaque) continue;
                     const Half* place = block + std::ptrdiff_t{top + j - row * block_rows} * map_row +
                                         (left + i - column * block_columns);
-                    lay_behind(place, taps, channel, mask, transmittance, sheet.color[0] + at, sheet.color[1] + at,
-                               sheet.color[2] + at);
+                    lay_behind(place, taps, channel, plane.scale, mask, transmittance, sheet.color[0] + at,
+                               sheet.color[1] + at, sheet.color[2] + at);
                 }
             }
         }
@@ -156,13 +121,10 @@ std::vector<float> reach_of_views(const PlaneSet& set, const ViewSet& views) {
         const DepthPlane& plane = set.planes[k];
         for (int n = 0; n < views.count; ++n) {
             const float* view = views.views + std::ptrdiff_t{6} * n;
-            for (int axis = 0; axis < 2; ++axis) {
-                const float motion = axis ? plane.motion_y : plane.motion_x;
-                const float shift =
-                    views.shrink[k] * (view[3 + axis] - plane.slope * view[axis]) - motion * (view[2] - 0.5f);
-                reach[static_cast<std::size_t>(k)] =
-                    std::max(reach[static_cast<std::size_t>(k)], std::fabs(within_image_reach(shift)));
-            }
+            const Shift shift = shift_of(plane, views.shrink[k], view);
+            float& farthest = reach[static_cast<std::size_t>(k)];
+            farthest =
+                std::max({farthest, std::fabs(within_image_reach(shift.x)), std::fabs(within_image_reach(shift.y))});
         }
     }
     return reach;
@@ -197,7 +159,7 @@ void weigh(const float* view, int row, int column, const ViewSet& views, const s
             weights[static_cast<std::size_t>(i)] *= passing_rim(view, row, column, i, views);
 }
 
-void render_tile(const PlaneSet& set, const Half* halves, const ViewSet& views, const std::vector<int>& near, int row,
+void render_tile(const PlaneSet& set, const Blocks& blocks, const ViewSet& views, const std::vector<int>& near, int row,
                  int column, const RenderTarget& target) {
     std::vector<float> sums(4 * tile_pixels, 0.0f), weights(tile_pixels);
     const std::vector<float> passing = light_of_tile(views, row, column);
@@ -208,10 +170,9 @@ void render_tile(const PlaneSet& set, const Half* halves, const ViewSet& views, 
         std::fill(sheet->color[0], sheet->color[0] + 3 * tile_pixels, 0.0f);
         for (const int k : near) {
             const DepthPlane& plane = set.planes[k];
-            const float shrink = views.shrink[k], since = view[2] - 0.5f;
-            const float x = shrink * (view[3] - plane.slope * view[0]) - plane.motion_x * since;
-            const float y = shrink * (view[4] - plane.slope * view[1]) - plane.motion_y * since;
-            lay_plane(plane, set.slots, halves, taps_of(plane, x, y), row, column, *sheet);
+            const Shift shift = shift_of(plane, views.shrink[k], view);
+            const Half* halves = blocks.is_smoothed[k] ? blocks.smoothed : blocks.built;
+            lay_plane(plane, set.slots, halves, taps_of(plane, shift), row, column, *sheet);
         }
         weigh(view, row, column, views, passing, weights);
         add_view(*sheet, weights.data(), sums.data());
@@ -224,20 +185,20 @@ void render_tile(const PlaneSet& set, const Half* halves, const ViewSet& views, 
             const float light = views.darken || passing[at] > 0.0f ? passing[at] : 1.0f;
             const float lit = views.darken ? light : 1.0f;
             for (std::size_t c = 0; c < 3; ++c)
-                pixel[c] = seen != 0.0f ? target.scale * lit * sums[c * tile_pixels + at] / seen : 0.0f;
+                pixel[c] = seen != 0.0f ? lit * sums[c * tile_pixels + at] / seen : 0.0f;
             pixel[3] = light != 0.0f ? seen / light : 0.0f;
         }
 }
 
 }  // namespace
 
-void multiplane_render(const PlaneSet& set, const Half* halves, const ViewSet& views, int first, int last,
+void multiplane_render(const PlaneSet& set, const Blocks& blocks, const ViewSet& views, int first, int last,
                        const RenderTarget& target) {
     const std::vector<float> reach = reach_of_views(set, views);
     const int columns = (target.width + tile_columns - 1) / tile_columns;
     for (int tile = first; tile < last; ++tile) {
         const int row = tile / columns * tile_rows, column = tile % columns * tile_columns;
-        render_tile(set, halves, views, planes_near(set, reach, row, column), row, column, target);
+        render_tile(set, blocks, views, planes_near(set, reach, row, column), row, column, target);
     }
 }
 

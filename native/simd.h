@@ -12,7 +12,11 @@
 #define FEWRAYS_CLONES
 #endif
 
-#if defined(_MSC_VER)
+#if defined(__CUDACC__)
+#define FEWRAYS_INLINE __forceinline__
+#define FEWRAYS_RESTRICT __restrict__
+#define FEWRAYS_PREFETCH(address) static_cast<void>(address)
+#elif defined(_MSC_VER)
 #define FEWRAYS_INLINE __forceinline
 #define FEWRAYS_RESTRICT __restrict
 #define FEWRAYS_PREFETCH(address) static_cast<void>(address)

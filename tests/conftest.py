@@ -1,4 +1,4 @@
-"""What all tests share: the ``--slow`` option, how hard hypothesis looks, and Mitsuba where there is one."""
+"""What all tests share: which are left out, how hard hypothesis looks, and Mitsuba where there is one."""
 
 import os
 from types import ModuleType
@@ -7,7 +7,9 @@ import pytest
 from hypothesis import settings
 
 from fewrays import SampleError
+from fewrays.cuda.device import Device, find_device
 from fewrays.sources import mitsuba as source
+from phases import PhasesMachine
 
 settings.register_profile("quick", deadline=None, max_examples=40)
 settings.register_profile("ci", settings.get_profile("quick"), derandomize=True)
@@ -20,12 +22,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    if config.getoption("--slow"):
-        return
-    skip = pytest.mark.skip(reason="slow: run with --slow")
+    missing = {} if config.getoption("--slow") else {"slow": "slow: run with --slow"}
+    if any(item.get_closest_marker("gpu") for item in items) and isinstance(no_gpu := find_device(), str):
+        missing["gpu"] = no_gpu
     for item in items:
-        if item.get_closest_marker("slow"):
-            item.add_marker(skip)
+        for marker, reason in missing.items():
+            if item.get_closest_marker(marker):
+                item.add_marker(pytest.mark.skip(reason=reason))
 
 
 @pytest.fixture(scope="module")
@@ -37,3 +40,21 @@ def mi() -> ModuleType:
     except SampleError as error:
         pytest.skip(f"Mitsuba cannot run here: {error}")
     return module
+
+
+@pytest.fixture
+def phases(monkeypatch: pytest.MonkeyPatch) -> PhasesMachine:
+    """A machine that stands for a GPU, and that the package finds when it looks for one."""
+    machine = PhasesMachine()
+    card = Device("phases on the processor", (9, 0), 1 << 30, 1, 48 << 10, machine.cache_bytes)
+    monkeypatch.setattr("fewrays.cuda.device.find_device", lambda: card)
+    for module in (
+        "fewrays.cuda.samples",
+        "fewrays.dynamic.cuda",
+        "fewrays.layered",
+        "fewrays.multiplane.engine",
+        "fewrays.temporal",
+        "fewrays.temporal.cuda",
+    ):
+        monkeypatch.setattr(f"{module}.require_machine", lambda: machine)
+    return machine

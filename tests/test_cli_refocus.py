@@ -203,7 +203,7 @@ def test_planes_are_built_once(buffer: SampleBuffer, monkeypatch: pytest.MonkeyP
         builds.append(samples)
         return build_maps(samples, *rest)
 
-    monkeypatch.setattr("fewrays.multiplane.preparation.build_maps", build)
+    monkeypatch.setattr("fewrays.multiplane.engine.build_maps", build)
     flags = "--from 2 --to inf --frames 3 --method multiplane --views 16 --aperture-scale 0.5"
     assert refocus(f"{flags} --thickness 1 --out r.exr") == 0
     assert len(builds) == 1

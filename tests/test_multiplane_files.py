@@ -25,7 +25,7 @@ from fewrays.multiplane.maps import Grid, Maps, Shear
 
 MEMORY = 96 << 20  # bytes that a damaged file of 87 kB may take: what as many deflated bytes can hold
 MAGIC = b"FEWRAYS-PLANES\r\n"
-TABLES = ("slope", "motion", "smoothing", "cells", "corner", "shape")
+TABLES = ("slope", "motion", "scale", "cells", "corner", "shape")
 STEPS = (8, 16, 8, 4, 8, 8)  # bytes of a plane in each
 
 
@@ -36,7 +36,7 @@ def planes() -> Multiplane:
     motion = np.zeros((*samples.depth.shape, 3), np.float32)
     motion[..., 0] = np.where(samples.depth < np.median(samples.depth), 9 * samples.depth, 0)
     samples = replace(samples, time=np.full(samples.depth.shape, 0.25, np.float32), motion=motion)
-    return Multiplane.build(samples, threads=1, thickness=4.0, motion_cell=8.0)
+    return Multiplane.build(samples, threads=1, thickness=4.0, motion_cell=8.0, fine_to=3.0, memory=0.2)
 
 
 class Written(bytes):
@@ -54,13 +54,14 @@ def written(planes: Multiplane, tmp_path_factory: pytest.TempPathFactory) -> Wri
 
 
 def assert_same(actual: Maps, expected: Maps) -> None:
-    for name in ("height", "width", "lens", "scale"):
+    for name in ("height", "width", "lens"):
         assert getattr(actual, name) == getattr(expected, name), name
-    for part, names in (("shear", TABLES[:3]), ("grid", TABLES[3:])):
+    for part, names in (("shear", TABLES[:2]), ("grid", TABLES[3:])):
         for name in names:
             array, other = getattr(getattr(actual, part), name), getattr(getattr(expected, part), name)
             assert array.dtype == other.dtype, name
             np.testing.assert_array_equal(array, other, name)
+    np.testing.assert_array_equal(actual.scale, expected.scale)
     assert actual.slots.dtype == np.int32
     assert actual.halves.dtype == np.uint16
     np.testing.assert_array_equal(actual.slots, expected.slots)
@@ -91,7 +92,7 @@ class TestRoundTrip:
         """Whatever bits they hold, and whichever of them there are."""
         rng = np.random.default_rng(seed)
         count = len(cells)
-        shear = Shear(np.sort(rng.normal(size=count)), rng.normal(size=(count, 2)), rng.random(count))
+        shear = Shear(np.sort(rng.normal(size=count)), rng.normal(size=(count, 2)))
         shape = rng.integers(1, 5, (count, 2)).astype(np.int32)
         grid = Grid(np.array(cells, np.int32), rng.integers(-99, 9, (count, 2)).astype(np.int32), shape)
         kept = rng.random(grid.slot_count) < share
@@ -103,7 +104,8 @@ class TestRoundTrip:
             own = halves[begin : begin + size * _native.UNIT_HALVES].reshape(4, -1)
             own[0] = rng.integers(0, 0x3C01, own[0].shape)
             own[1:] = rng.integers(0, 0x7C00, own[1:].shape) | rng.integers(0, 2, own[1:].shape) << 15
-        maps = Maps(7, 5, Lens(-1.0, 0.3), shear, grid, slots, halves, 0.25)
+        scale = np.ldexp(1.0, rng.integers(-99, 99, count))
+        maps = Maps(7, 5, Lens(-1.0, 0.3), shear, grid, slots, halves, scale)
         path = tmp_path_factory.mktemp("planes") / "a.planes"
         files.save_maps(path, maps)
         assert_same(files.load_maps(path), maps)
@@ -136,7 +138,7 @@ def parts_of(written: bytes) -> tuple[dict[str, Any], bytearray]:
     return description, bytearray(zlib.decompress(written[24 + length :]))
 
 
-def file_of(description: Any, stream: bytes | bytearray, version: int = 1) -> bytes:
+def file_of(description: Any, stream: bytes | bytearray, version: int = 2) -> bytes:
     text = json.dumps(description).encode()
     return MAGIC + struct.pack("<II", version, len(text)) + text + zlib.compress(bytes(stream), 1)
 
@@ -323,10 +325,6 @@ class TestHostileFiles:
             ({"planes": 2**15}, "planes"),
             ({"planes": 32767}, "slope"),
             ({"planes": "1"}, "planes"),
-            ({"scale": 0.0}, "scale"),
-            ({"scale": float("nan")}, "scale"),
-            ({"scale": float("inf")}, "scale"),
-            ({"scale": 1e300}, "scale"),
             ({"lens": None}, "lens"),
             ({"lens": {"c0": -1.0}}, "lens"),
             ({"extra": 1}, "description"),
@@ -345,7 +343,10 @@ class TestHostileFiles:
             ("slope", float("inf"), "<d"),
             ("slope", 1e30, "<d"),
             ("motion", float("-inf"), "<d"),
-            ("smoothing", -1.0, "<d"),
+            ("scale", 0.0, "<d"),
+            ("scale", float("nan"), "<d"),
+            ("scale", float("inf"), "<d"),
+            ("scale", 1e300, "<d"),
             ("cells", 0, "<i"),
             ("cells", 4, "<i"),
             ("cells", -1, "<i"),
@@ -404,16 +405,16 @@ class TestHostileFiles:
 
     def test_version_and_kind(self, written: bytes, tmp_path: Path) -> None:
         path = tmp_path / "a.planes"
-        assert refused(path, file_of(*parts_of(written), version=2)).field == "version"
+        assert refused(path, file_of(*parts_of(written), version=1)).field == "version"
         make: list[Callable[[], bytes]] = [
             lambda: b"",
             lambda: b"\0" * 4000,
             lambda: b"PK\3\4" + written,
             lambda: written.replace(b"\r\n", b"\n", 1),
-            lambda: MAGIC + struct.pack("<II", 1, 2**32 - 1) + written,
-            lambda: MAGIC + struct.pack("<II", 1, 4000) + b"[" * 4000,
-            lambda: MAGIC + struct.pack("<II", 1, 4) + b"null" + zlib.compress(b""),
-            lambda: MAGIC + struct.pack("<II", 1, 4) + b"\xff\xff\xff\xff",
+            lambda: MAGIC + struct.pack("<II", 2, 2**32 - 1) + written,
+            lambda: MAGIC + struct.pack("<II", 2, 4000) + b"[" * 4000,
+            lambda: MAGIC + struct.pack("<II", 2, 4) + b"null" + zlib.compress(b""),
+            lambda: MAGIC + struct.pack("<II", 2, 4) + b"\xff\xff\xff\xff",
             lambda: written + b"\0",
         ]
         for data in make:

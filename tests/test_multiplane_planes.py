@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 
 from agreement import assert_agree
 from buffers import random_buffer
-from fewrays import Lens, Multiplane, SampleBuffer, SampleError, reconstruct, save_image
+from fewrays import Lens, Multiplane, SampleBuffer, SampleError, _native, reconstruct, save_image
 from fewrays.method import Image
+from fewrays.multiplane import smoothing
 from fewrays.multiplane.slabs import SlabRule, assign_planes
 from fewrays.samples import OFF_IMAGE
 
@@ -89,6 +90,25 @@ class TestWhatMustNotMatter:
         samples = random_buffer(12, 20, 4, LENS)
         scaled = replace(samples, color=np.ldexp(samples.color, exponent))
         np.testing.assert_array_equal(render(scaled), np.ldexp(render(samples), exponent))
+
+    def test_brightness_elsewhere(self) -> None:
+        """A plane keeps its precision whatever shines from another depth."""
+        samples = random_buffer(12, 20, 4, LENS)
+        depth = np.where(samples.depth < 8, 2.0, 20.0).astype(np.float32)
+        dim = replace(samples, depth=depth, color=0.05 * samples.color)
+        bright = replace(dim, color=np.where(depth[..., None] > 8, np.float32(1e9), dim.color))
+        maps, others = (Multiplane.build(each, threads=1).maps for each in (dim, bright))
+        assert others.scale[1] > 1e6 * others.scale[0] == 1e6 * maps.scale[0]
+        front = maps.slots[: maps.grid.first_slot[1]].max() * _native.UNIT_HALVES
+        assert front > 0
+        np.testing.assert_array_equal(others.halves[:front], maps.halves[:front])
+
+    def test_bands(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Planes may be smoothed for any number of rows at once."""
+        samples = random_buffer(70, 40, 2, LENS)
+        whole = render(samples, smoothing=1.0)
+        monkeypatch.setattr(smoothing, "_MOST_BYTES", 1)
+        np.testing.assert_array_equal(render(samples, smoothing=1.0), whole)
 
     def test_negative_radiance(self) -> None:
         samples = random_buffer(12, 20, 4, LENS)
@@ -255,6 +275,45 @@ class TestCatsEye:
         assert render(samples, cats_eye=1.0, aperture_image=tmp_path / "aperture.exr").min() > 0
 
 
+class TestCells:
+    @pytest.mark.parametrize(("spp", "others"), [(1, 1), (2, 1), (3, 2), (4, 2)])
+    def test_out_of_focus_no_smaller_than_samples_are_dense(self, spp: int, others: int) -> None:
+        samples = random_buffer(40, 60, spp, LENS)
+        fine_to = float(np.median(np.abs(samples.slope())))
+        maps = Multiplane.build(samples, threads=1, fine_to=fine_to).maps
+        in_focus = np.abs(maps.shear.slope) <= fine_to
+        assert (maps.grid.cells[in_focus] == 3).all()
+        assert (maps.grid.cells[~in_focus] == others).all()
+
+    def test_dropped_samples_do_not_count(self) -> None:
+        samples = random_buffer(40, 60, 4, LENS)
+        xy = samples.xy.copy()
+        xy[:, :, 2:] = OFF_IMAGE
+        assert Multiplane.build(replace(samples, xy=xy), threads=1, fine_to=0.0).maps.grid.cells.max() == 1
+
+
+class TestMemory:
+    samples = random_buffer(40, 60, 3, LENS)
+
+    def test_planes_with_most_blur_lose_resolution_first(self) -> None:
+        fine = Multiplane.build(self.samples, threads=1)
+        assert fine.maps.grid.cells.min() == 2
+        sizes = []
+        for share in (0.7, 0.4, 0.0):
+            maps = Multiplane.build(self.samples, threads=1, memory=share * fine.nbytes / 2**20).maps
+            blur = np.abs(maps.shear.slope)
+            coarse = maps.grid.cells == 1
+            assert coarse.any()
+            assert blur[coarse].min() >= max(blur[~coarse], default=0.0)
+            assert maps.halves.nbytes <= share * fine.nbytes or coarse.all()
+            sizes.append(maps.nbytes)
+        assert sorted(sizes, reverse=True) == sizes
+
+    def test_none_is_needed_where_all_is_in_focus(self) -> None:
+        samples = self.samples.refocus(aperture_scale=0.0)
+        assert (Multiplane.build(samples, threads=1).maps.grid.cells == 3).all()
+
+
 class TestOptions:
     samples = random_buffer(4, 5, 2, LENS)
 
@@ -272,8 +331,8 @@ class TestOptions:
             ("fine_to", float("nan")),
             ("prior", 0.0),
             ("prior", 1000.0),
-            ("smoothing", -0.1),
-            ("smoothing", 0.5),
+            ("memory", -1.0),
+            ("memory", float("nan")),
             ("motion_cell", 0.1),
             ("motion_cell", 100.0),
         ],
@@ -290,6 +349,9 @@ class TestOptions:
         [
             ("views", 0),
             ("views", 65537),
+            ("smoothing", -0.1),
+            ("smoothing", 2.5),
+            ("smoothing", float("nan")),
             ("cats_eye", 1.5),
             ("cats_eye", -0.1),
             ("pixel_filter", "sinc"),

@@ -78,12 +78,14 @@ class TestImages:
         [
             {"thickness": 1.5, "linear_to": 2.0},
             {"cells": 1},
-            {"cells": 2, "fine_to": 100.0},
+            {"cells": 2},
             {"cells": 3, "fine_to": 100.0},
+            {"memory": 0.0},
             {"prior": 3.0},
             {"prior": 0.02},
             {"smoothing": 0.0},
-            {"smoothing": 0.2},
+            {"smoothing": 0.1},
+            {"smoothing": 1.0},
             {"blades": 5, "rotation": 20.0},
             {"squeeze": 2.0},
             {"pixel_filter": "mitchell"},
@@ -135,7 +137,7 @@ class TestImages:
         assert_twins(*both(samples))
 
     @pytest.mark.slow
-    @pytest.mark.parametrize("options", [{}, {"fine_to": 100.0, "smoothing": 0.2}])
+    @pytest.mark.parametrize("options", [{}, {"fine_to": 100.0, "smoothing": 1.0}])
     def test_images_of_several_regions(self, options: dict[str, Any]) -> None:
         assert_twins(*both(make("still", 230, 260, 2, 15.0), **options))
 
@@ -170,7 +172,7 @@ def layer_of(maps: Maps, plane: int) -> Iterator[tuple[int, int, npt.NDArray[np.
         layer = interleaved.transpose(3, 1, 4, 2, 0).reshape(
             (BLOCK[0] + 1) * cells, (BLOCK[1] + 1) * cells, 4
         )
-        yield int(row), int(column), layer * [1.0, maps.scale, maps.scale, maps.scale]
+        yield int(row), int(column), layer * [1.0, *3 * [maps.scale[plane]]]
 
 
 class TestMaps:

@@ -81,7 +81,7 @@ class TestTexturedPlane:
         [(-10.0, "disc"), (-3.0, "disc"), (-1.0, "disc"), (0.0, "disc"), (2.0, "disc"), (6.0, "gaussian")],
     )
     def test_still(self, slope: float, aperture: Aperture) -> None:
-        """Most is lost at -10 px, where the planes' smoothing is as wide as the waves are narrow."""
+        """Most is lost at -10 px, where planes are smoothed the most."""
         lens = replace(LENS, aperture=aperture, sampling=aperture)
         depth = lens.depth(slope)
         image = reconstruct(sample([Plane(depth, self.texture)], lens, SIDE, SIDE, 8), "multiplane")
@@ -220,12 +220,12 @@ class TestExclusiveVisibility:
 
     @pytest.mark.parametrize("aperture", ["disc", "gaussian"])
     @pytest.mark.parametrize(
-        ("options", "error"), [({}, 0.04), ({"smoothing": 0.0, "views": 512}, 0.02)], ids=["default", "fine"]
+        ("options", "error"), [({}, 0.04), ({"views": 512}, 0.02)], ids=["default", "fine"]
     )
     def test_a_slit(self, aperture: Aperture, options: dict[str, Any], error: float) -> None:
         """Through a slit that is narrower than its blur, each pixel sees a part of the lens alone.
 
-        Planes' smoothing and the number of views are what the rest of the error is made of.
+        The number of views is what the rest of the error is made of.
         """
         lens = Lens(-500.0, 100.0, aperture, "disc" if aperture == "disc" else "square")
         left, right = half_plane((45, 48), (-1, 0)), half_plane((51, 48), (1, 0))
@@ -256,6 +256,17 @@ def exact_columns(planes: list[Plane], lens: Lens, width: int) -> Image:
     color, _ = trace(planes, lens, np.stack([x, 0 * x], axis=-1), np.stack([u, 0 * u], axis=-1))
     exact: Image = np.average(color.mean(axis=1), axis=1, weights=weight)[24:-24]
     return exact
+
+
+@pytest.mark.parametrize(("built", "wanted"), [(12.0, 0.0), (-10.0, 2.0), (0.0, 12.0)])
+def test_refocused_planes(built: float, wanted: float) -> None:
+    """Planes that were blurred are sharp in focus, and those in focus have no grain when they are blurred."""
+    texture = smooth_noise(8, waves=8)
+    depth = LENS.depth(built)
+    lens = replace(LENS, c1=LENS.c1 + wanted - built)
+    planes = Multiplane.build(sample([Plane(depth, texture)], LENS, SIDE, SIDE, 8), threads=1)
+    exact = exact_waves(texture, depth, lens, SIDE, SIDE, pixel_filter="box")
+    assert psnr_display(middle(planes.render(lens)), middle(exact)) > 52
 
 
 class TestLights:
@@ -292,7 +303,7 @@ class TestRefocusing:
     @pytest.fixture(scope="class")
     @classmethod
     def built(cls, samples: SampleBuffer) -> Multiplane:
-        return Multiplane.build(samples, fine_to=20.0)
+        return Multiplane.build(samples)
 
     @pytest.mark.parametrize(
         ("focus_distance", "aperture_scale", "psnr"),
@@ -311,14 +322,14 @@ class TestRefocusing:
         truth = reference(self.planes, lens, 96, 96, spp=128, pixel_filter="box")
         image = built.render(lens)
         assert psnr_display(middle(image), middle(truth)) > psnr
-        rebuilt = Multiplane.build(samples.refocus(focus_distance, aperture_scale), fine_to=20.0).render()
+        rebuilt = Multiplane.build(samples.refocus(focus_distance, aperture_scale)).render()
         assert psnr_display(middle(image), middle(rebuilt)) > 42
 
     def test_one_plane_seen_sharp_and_blurred(self) -> None:
         """Of waves that one plane shows, the image through any lens is known exactly."""
         texture = smooth_noise(12, waves=8)
         depth = LENS.depth(6.0)
-        built = Multiplane.build(sample([Plane(depth, texture)], LENS, SIDE, SIDE, 8), fine_to=20.0)
+        built = Multiplane.build(sample([Plane(depth, texture)], LENS, SIDE, SIDE, 8))
         for lens in (LENS, LENS.refocus(depth), LENS.refocus(LENS.depth(8.0)), LENS.refocus(None, 0.4)):
             exact = exact_waves(texture, depth, lens, SIDE, SIDE, pixel_filter="box")
             assert psnr_display(middle(built.render(lens)), middle(exact)) > 52, lens

@@ -17,7 +17,6 @@ import numpy.typing as npt
 
 from fewrays.lens import Lens
 from fewrays.parallel import Execution
-from fewrays.samples import SampleBuffer
 
 __all__ = ["Image", "Method", "Preparation", "Prepared", "Reconstruction"]
 
@@ -78,7 +77,8 @@ class Preparation:
     options : type
         The dataclass of those of the method's options that preparing reads.
     prepare : callable
-        ``prepare(samples, options, execution) -> Prepared``, on the first of the method's devices.
+        ``prepare(samples, options, execution) -> Prepared``, on any of the method's devices but the
+        reference.
     load : callable
         ``load(path) -> Prepared``, from a file.
     """
@@ -86,7 +86,7 @@ class Preparation:
     content: str
     extension: str
     options: type[Any]
-    prepare: Callable[[SampleBuffer, Any, Execution], Prepared]
+    prepare: Callable[[Any, Any, Execution], Prepared]
     load: Callable[[Path], Prepared]
 
 
@@ -103,9 +103,11 @@ class Method:
     options : type
         A frozen dataclass whose fields all have defaults; it validates itself.
     devices : tuple of str
-        The devices that it runs on, the one that ``"auto"`` means first.
+        The devices that it runs on; ``"auto"`` means ``"cuda"`` where that is one and there is a GPU, else
+        the first.
     run : callable
-        ``run(samples, options, execution) -> Reconstruction``.
+        ``run(samples, options, execution) -> Reconstruction``; samples are a `SampleBuffer`, or for
+        ``"cuda"`` those or `fewrays.cuda.samples.DeviceSamples`.
     preparation : Preparation, optional
         For methods whose work is mostly done before the lens matters.
     reads_lights : callable, optional
@@ -117,6 +119,6 @@ class Method:
     summary: str
     options: type[Any]
     devices: tuple[str, ...]
-    run: Callable[[SampleBuffer, Any, Execution], Reconstruction]
+    run: Callable[[Any, Any, Execution], Reconstruction]
     preparation: Preparation | None = None
     reads_lights: Callable[[Any], bool] = lambda options: False

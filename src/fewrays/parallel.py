@@ -11,10 +11,12 @@ import sys
 from collections.abc import Callable
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from dataclasses import dataclass
+from typing import Any
 
 from tqdm import tqdm
 
-from fewrays.errors import SampleError
+from fewrays.cuda.machine import Machine
+from fewrays.errors import SampleError, require_option
 
 __all__ = ["Execution", "map_ranges", "progress_bar", "usable_cores"]
 
@@ -28,7 +30,7 @@ class Execution:
     Parameters
     ----------
     device : str
-        ``"cpu"`` or ``"reference"``.
+        ``"cpu"``, ``"reference"`` or ``"cuda"``.
     threads : int, optional
         Threads to use; all usable cores when omitted.
     progress : bool
@@ -37,6 +39,9 @@ class Execution:
         Produce the method's further outputs as well.
     shadows : bool
         Reconstruct light and shadow of area lights, where samples come with light samples.
+    output : {"host", "device"}
+        Where images that a GPU makes are returned: copied to the host, or in its own memory. Images that
+        the processor makes are on the host.
     """
 
     device: str = "cpu"
@@ -44,10 +49,16 @@ class Execution:
     progress: bool = False
     aovs: bool = False
     shadows: bool = True
+    output: str = "host"
 
     def __post_init__(self) -> None:
         if self.threads is not None and self.threads < 1:
             raise SampleError(f"expected at least 1, got {self.threads}", field="threads")
+        require_option("output", self.output, self.output in ("host", "device"), "out of host, device")
+
+    def deliver(self, machine: Machine, image: Any) -> Any:
+        """Return a GPU's image where it is wanted."""
+        return machine.on_host(image) if self.output == "host" else image
 
 
 def usable_cores() -> int:

@@ -10,13 +10,15 @@ import numpy.typing as npt
 
 from fewrays import layered, layered_published, multiplane, temporal
 from fewrays.baselines import axis_aligned, box, sheared
+from fewrays.cuda.device import pick_device
+from fewrays.cuda.samples import DeviceSamples
 from fewrays.errors import SampleError
 from fewrays.method import Image, Method, Reconstruction
 from fewrays.parallel import Execution
 from fewrays.samples import SampleBuffer
 from fewrays.temporal.shading import shade
 
-__all__ = ["METHODS", "find_method", "reconstruct", "run_method", "shaded_for"]
+__all__ = ["METHODS", "fastest_device", "find_method", "reconstruct", "run_method", "shaded_for"]
 
 METHODS: dict[str, Method] = {
     method.name: method
@@ -36,7 +38,7 @@ METHODS: dict[str, Method] = {
 
 @overload
 def reconstruct(
-    samples: SampleBuffer,
+    samples: SampleBuffer | DeviceSamples,
     method: str = ...,
     *,
     device: str = ...,
@@ -44,11 +46,12 @@ def reconstruct(
     progress: bool = ...,
     aovs: Literal[False] = ...,
     shadows: bool = ...,
+    output: str = ...,
     **options: Any,
 ) -> Image: ...
 @overload
 def reconstruct(
-    samples: SampleBuffer,
+    samples: SampleBuffer | DeviceSamples,
     method: str = ...,
     *,
     device: str = ...,
@@ -56,10 +59,11 @@ def reconstruct(
     progress: bool = ...,
     aovs: Literal[True],
     shadows: bool = ...,
+    output: str = ...,
     **options: Any,
 ) -> tuple[Image, dict[str, npt.NDArray[Any]]]: ...
 def reconstruct(
-    samples: SampleBuffer,
+    samples: SampleBuffer | DeviceSamples,
     method: str = "multiplane",
     *,
     device: str = "auto",
@@ -67,17 +71,19 @@ def reconstruct(
     progress: bool = False,
     aovs: bool = False,
     shadows: bool = True,
+    output: str = "host",
     **options: Any,
 ) -> Image | tuple[Image, dict[str, npt.NDArray[Any]]]:
     """Reconstruct the image that hundreds of samples per pixel would have given.
 
     Parameters
     ----------
-    samples : SampleBuffer
-        The samples, with the lens to integrate over.
+    samples : SampleBuffer or fewrays.cuda.samples.DeviceSamples
+        The samples, with the lens to integrate over; on the host, or in a GPU's memory for ``"cuda"``.
     method : str
         A name from `METHODS`.
-    device : {"auto", "cpu", "reference"}
+    device : {"auto", "cpu", "reference", "cuda"}
+        ``"cuda"`` is an NVIDIA GPU, which ``"auto"`` means where there is one and the method runs on it;
         ``"reference"`` runs the method's plain NumPy definition, slowly.
     threads : int, optional
         Threads to use; all usable cores when omitted. The result does not depend on it.
@@ -88,6 +94,8 @@ def reconstruct(
     shadows : bool
         Where samples come with light samples of area lights, reconstruct their light and shadow, as `shade`
         does; otherwise take the noisy radiance as it is.
+    output : {"host", "device"}
+        Where an image that a GPU makes is returned: copied to the host, or as a CuPy array, without waiting.
     **options
         Fields of the method's options, such as ``tile=32`` for ``"layered"``; see its options class.
 
@@ -101,7 +109,7 @@ def reconstruct(
     Raises
     ------
     SampleError
-        For an unknown method, device or option, and for options out of range.
+        For an unknown method, device or option, options out of range, and ``device="cuda"`` without a GPU.
     """
     chosen = find_method(method)
     known = [field.name for field in dataclasses.fields(chosen.options)]
@@ -111,7 +119,9 @@ def reconstruct(
                 f"method {chosen.name!r} has no such option; it takes {', '.join(known) or 'none'}",
                 field=name,
             )
-    execution = Execution(device, threads, progress, aovs, shadows)
+    execution = Execution(
+        device=device, threads=threads, progress=progress, aovs=aovs, shadows=shadows, output=output
+    )
     result = run_method(samples, chosen, chosen.options(**options), execution)
     return (result.image, result.aovs) if aovs else result.image
 
@@ -126,17 +136,30 @@ def find_method(name: str) -> Method:
         ) from None
 
 
-def run_method(samples: SampleBuffer, method: Method, options: Any, execution: Execution) -> Reconstruction:
-    """Run a method with its options object; ``device="auto"`` becomes the method's fastest device."""
-    device = method.devices[0] if execution.device == "auto" else execution.device
-    if device not in method.devices:
+def fastest_device(method: Method, asked: str) -> str:
+    """Return the device that is asked for, of those that a method runs on, and what ``"auto"`` means."""
+    if asked not in ("auto", *method.devices):
         raise SampleError(
-            f"method {method.name!r} runs on {', '.join(method.devices)}; got {execution.device!r}",
-            field="device",
+            f"method {method.name!r} runs on {', '.join(method.devices)}; got {asked!r}", field="device"
         )
-    if not isinstance(samples, SampleBuffer):
+    return pick_device(method.devices, asked)
+
+
+def run_method(
+    samples: SampleBuffer | DeviceSamples, method: Method, options: Any, execution: Execution
+) -> Reconstruction:
+    """Run a method with its options object; ``device="auto"`` becomes the method's fastest device."""
+    device = fastest_device(method, execution.device)
+    if isinstance(samples, DeviceSamples) and device != "cuda":
+        raise SampleError(
+            f"are on a GPU, and method {method.name!r} on {device!r}: use device='cuda' with a method that "
+            "knows it, or copy them with to_buffer()",
+            field="samples",
+        )
+    if not isinstance(samples, (SampleBuffer, DeviceSamples)):
         raise SampleError(f"expected a fewrays.SampleBuffer, got {type(samples).__name__}", field="samples")
-    samples = shaded_for(method, samples, options, execution)
+    if isinstance(samples, SampleBuffer):
+        samples = shaded_for(method, samples, options, execution)
     result = method.run(samples, options, dataclasses.replace(execution, device=device))
     assert result.image.dtype == np.float32
     assert result.image.shape == (samples.height, samples.width, 3)

@@ -119,7 +119,7 @@ class Defocus(Command):
     exposure
         Brightening of .png, .gif and .webp, in stops.
     device
-        'auto' is the fastest; 'reference' runs the plain NumPy definition, slowly.
+        'cuda' is an NVIDIA GPU, which 'auto' takes where there is one; 'reference' is plain NumPy, slow.
     threads
         Threads to use; all usable cores when omitted. The result does not depend on it.
     """
@@ -145,7 +145,7 @@ class Defocus(Command):
     ease: Ease = "none"
     fps: float = 24.0
     exposure: float = 0.0
-    device: Literal["auto", "cpu", "reference"] = "auto"
+    device: Literal["auto", "cpu", "reference", "cuda"] = "auto"
     threads: int | None = None
     camera: OmitArgPrefixes[CameraFlags] = field(default_factory=CameraFlags)
     reading: OmitArgPrefixes[DepthFlags] = field(default_factory=DepthFlags)

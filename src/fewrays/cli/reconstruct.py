@@ -50,7 +50,7 @@ class Reconstruct(Command, Generic[Options]):
     method
         How to reconstruct.
     device
-        'auto' is the method's fastest; 'reference' runs its plain NumPy definition, slowly.
+        'cuda' is an NVIDIA GPU, which 'auto' takes where there is one; 'reference' is plain NumPy, slow.
     threads
         Threads to use; all usable cores when omitted. The result does not depend on it.
     exposure
@@ -71,7 +71,7 @@ class Reconstruct(Command, Generic[Options]):
     samples: SamplesFile
     out: Path
     method: Annotated[str, arg(metavar="{" + ",".join(METHODS) + "}")] = DEFAULT_METHOD
-    device: Literal["auto", "cpu", "reference"] = "auto"
+    device: Literal["auto", "cpu", "reference", "cuda"] = "auto"
     threads: int | None = None
     exposure: float = 0.0
     shadows: bool = True
@@ -93,7 +93,9 @@ class Reconstruct(Command, Generic[Options]):
         if self.aovs is not None and self.aovs.exists() and not self.aovs.is_dir():
             raise SampleError("is not a directory", file=self.aovs)
         method = find_method(self.method)
-        execution = Execution(self.device, self.threads, True, self.aovs is not None, self.shadows)
+        execution = Execution(
+            self.device, self.threads, progress=True, aovs=self.aovs is not None, shadows=self.shadows
+        )
         source = open_source(self.samples, method, self.input)
         with stopwatch() as watch:
             result = source.renderer(self.options, execution)(source.lens)

@@ -68,7 +68,7 @@ class Refocus(Command, Generic[Options]):
     method
         How to reconstruct.
     device
-        'auto' is the method's fastest; 'reference' runs its plain NumPy definition, slowly.
+        'cuda' is an NVIDIA GPU, which 'auto' takes where there is one; 'reference' is plain NumPy, slow.
     threads
         Threads to use; all usable cores when omitted. The result does not depend on it.
     exposure
@@ -92,7 +92,7 @@ class Refocus(Command, Generic[Options]):
     ease: Ease = "none"
     fps: float = 24.0
     method: Annotated[str, arg(metavar="{" + ",".join(METHODS) + "}")] = DEFAULT_METHOD
-    device: Literal["auto", "cpu", "reference"] = "auto"
+    device: Literal["auto", "cpu", "reference", "cuda"] = "auto"
     threads: int | None = None
     exposure: float = 0.0
     shadows: bool = True

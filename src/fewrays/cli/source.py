@@ -13,7 +13,7 @@ from fewrays.errors import SampleError
 from fewrays.lens import Lens
 from fewrays.method import Method, Preparation, Reconstruction
 from fewrays.parallel import Execution
-from fewrays.reconstruct import METHODS, run_method, shaded_for
+from fewrays.reconstruct import METHODS, fastest_device, run_method, shaded_for
 from fewrays.samples import SampleBuffer
 
 __all__ = ["Renderer", "Source", "open_source", "preparing_method"]
@@ -112,9 +112,8 @@ def _renderer_of_samples(
     samples: SampleBuffer, method: Method, options: Any, execution: Execution
 ) -> Renderer:
     samples = shaded_for(method, samples, options, execution)
-    fastest = method.devices[0]
-    if method.preparation is None or execution.device not in ("auto", fastest):
+    execution = dataclasses.replace(execution, device=fastest_device(method, execution.device))
+    if method.preparation is None or execution.device == "reference":
         return lambda lens: run_method(samples.with_lens(lens), method, options, execution)
-    execution = dataclasses.replace(execution, device=fastest)
     prepared = method.preparation.prepare(samples, options, execution)
     return lambda lens: prepared.reconstruct(lens, options, execution)

@@ -6,7 +6,7 @@ queried where the view meets the focal plane, and all are blended.
 `depth_layer` is what comes in. `prepare` makes of it the sheets that are warped: `edges` takes antialiased
 edges apart, `fill` carries surfaces on behind others. `prefilter` blurs for what lies between the views.
 `reference` makes the views one after the other in plain NumPy, by `warp` and `synthesis`; `kernel` does the
-same in native code.
+same in native code, and `cuda` on a GPU.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fewrays.dynamic import fill, kernel, reference
+from fewrays.cuda.device import pick_device
+from fewrays.dynamic import cuda, fill, kernel, reference
 from fewrays.dynamic.depth_layer import DepthLayer
 from fewrays.dynamic.options import DefocusOptions
 from fewrays.dynamic.plan import LightField, Sums
@@ -46,8 +47,9 @@ class Engine:
 ENGINES = {
     "cpu": Engine(kernel.guess_background, kernel.synthesize),
     "reference": Engine(fill.guess_background, reference.synthesize),
+    "cuda": Engine(kernel.guess_background, cuda.synthesize),
 }
-"""By device, the one that ``"auto"`` means first."""
+"""By device, the one that ``"auto"`` means without a GPU first."""
 
 
 def defocus(
@@ -76,8 +78,9 @@ def defocus(
         Opacity in [0, 1]; opaque when omitted.
     behind : sequence of DepthLayer
         What is behind, the nearest first: the further layers of a depth peel or of a deep image.
-    device : {"auto", "cpu", "reference"}
-        ``"reference"`` runs the plain NumPy definition, slowly.
+    device : {"auto", "cpu", "reference", "cuda"}
+        ``"cuda"`` is an NVIDIA GPU, which ``"auto"`` means where there is one; ``"reference"`` runs the plain
+        NumPy definition, slowly.
     threads : int, optional
         Threads to use; all usable cores when omitted. The result does not depend on it.
     progress : bool
@@ -213,9 +216,8 @@ def _depth(depth: npt.ArrayLike, options: DefocusOptions) -> npt.ArrayLike:
 
 
 def _engine(device: str) -> Engine:
-    name = next(iter(ENGINES)) if device == "auto" else device
-    require_option("device", device, name in ENGINES, f"out of auto, {', '.join(ENGINES)}")
-    return ENGINES[name]
+    require_option("device", device, device in ("auto", *ENGINES), f"out of auto, {', '.join(ENGINES)}")
+    return ENGINES[pick_device(tuple(ENGINES), device)]
 
 
 def _mean(sums: npt.NDArray[np.float32], sheets: Sequence[Sheet]) -> Image:

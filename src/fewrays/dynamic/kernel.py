@@ -19,13 +19,14 @@ from fewrays.dynamic.sheet import Sheet
 from fewrays.dynamic.surfaces import slope_gradient
 from fewrays.parallel import Execution, map_ranges
 
-__all__ = ["StageSeconds", "guess_background", "synthesize"]
+__all__ = ["NO_SLOPE", "StageSeconds", "guess_background", "synthesize", "warp_pixels"]
 
 Float32 = npt.NDArray[np.float32]
 
 _TILE = 128
 _BLOCK = 16
-_NO_SLOPE = 1e30  # of what is not there: no surface is near
+NO_SLOPE = 1e30
+"""Slope of what is not there: no surface is near."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ def synthesize(
     StageSeconds
     """
     texels = _texels(field, execution)
-    pixels = _warp_pixels(field)
+    pixels = warp_pixels(field)
     behind = np.array([sheet.behind for sheet in field.sheets], np.float32)
     sheets = _native.Sheets(texels, pixels, behind)
     blocks = _blocks(sheets, field, execution)
@@ -170,11 +171,11 @@ def _texels(field: LightField, execution: Execution) -> Float32:
             _prefilter(texel, sheet, field.blur, execution)
         elif field.blur is not None:
             _mipmap(texel, sheet, field.blur, execution)
-        texel[..., 5][sheet.coverage <= 0] = _NO_SLOPE
+        texel[..., 5][sheet.coverage <= 0] = NO_SLOPE
     return texels
 
 
-def _warp_pixels(field: LightField) -> Float32:
+def warp_pixels(field: LightField) -> Float32:
     """Interleave what warping reads: slope and spread, (sheets, H, W, 2); the spread of what is not is -1."""
     pixels = np.empty((len(field.sheets), field.height, field.width, 2), np.float32)
     for pixel, sheet in zip(pixels, field.sheets, strict=True):

@@ -13,8 +13,10 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from fewrays.cuda.device import require_machine
+from fewrays.cuda.samples import DeviceSamples
 from fewrays.errors import require_option
-from fewrays.layered import kernel, reference
+from fewrays.layered import cuda, kernel, reference
 from fewrays.layered.aperture import ApertureParts
 from fewrays.layered.plan import Plan
 from fewrays.method import Method, Reconstruction
@@ -54,7 +56,12 @@ class LayeredOptions:
         require_option("tile", self.tile, 16 <= self.tile <= 256, "from 16 to 256 px")
 
 
-def _run(samples: SampleBuffer, options: LayeredOptions, execution: Execution) -> Reconstruction:
+def _run(
+    samples: SampleBuffer | DeviceSamples, options: LayeredOptions, execution: Execution
+) -> Reconstruction:
+    if execution.device == "cuda":
+        return _run_on_card(samples, options, execution)
+    assert isinstance(samples, SampleBuffer)
     plan = Plan.for_samples(samples, **asdict(options))
     shape = (samples.height, samples.width)
     image = np.zeros((*shape, 3), np.float32)
@@ -65,10 +72,19 @@ def _run(samples: SampleBuffer, options: LayeredOptions, execution: Execution) -
     return plan.reconstruction(image, counts, contributions)
 
 
+def _run_on_card(
+    samples: SampleBuffer | DeviceSamples, options: LayeredOptions, execution: Execution
+) -> Reconstruction:
+    require_option("aovs", execution.aovs, not execution.aovs, 'of False with device="cuda"')
+    machine = require_machine()
+    on_card = DeviceSamples.of_buffer(machine, samples) if isinstance(samples, SampleBuffer) else samples
+    return Reconstruction(execution.deliver(machine, cuda.reconstruct_image(machine, on_card, options)))
+
+
 METHOD = Method(
     name="layered",
     summary="thin depth layers, blurred and composited by parts of the aperture",
     options=LayeredOptions,
-    devices=("cpu", "reference"),
+    devices=("cpu", "reference", "cuda"),
     run=_run,
 )

@@ -10,6 +10,7 @@ import numpy as np
 from fewrays.layered.aperture import ApertureParts, aperture_variance
 from fewrays.layered.regions import RegionPlan
 from fewrays.layered.slabs import Slabs
+from fewrays.lens import Lens
 from fewrays.samples import SampleBuffer
 from fewrays.tiling import Tiling
 
@@ -74,9 +75,32 @@ class Plan(Tiling):
         tile: int,
     ) -> Plan:
         """Lay out layers and parts for a buffer; the parameters are those of `LayeredOptions`."""
-        variance = aperture_variance(samples.lens)
+        return cls.for_depths(
+            samples.lens,
+            (samples.height, samples.width, samples.spp),
+            (float(samples.depth.min()), float(samples.depth.max())),
+            sigma_pix=sigma_pix,
+            layer_spacing=layer_spacing,
+            aperture_parts=aperture_parts,
+            tile=tile,
+        )
+
+    @classmethod
+    def for_depths(
+        cls,
+        lens: Lens,
+        size: tuple[int, int, int],
+        depths: tuple[float, float],
+        *,
+        sigma_pix: float,
+        layer_spacing: float,
+        aperture_parts: int,
+        tile: int,
+    ) -> Plan:
+        """Do as `for_samples`, for a size (H, W, S) and the least and the greatest depth of the samples."""
+        variance = aperture_variance(lens)
         aperture = ApertureParts.split(variance, aperture_parts)
-        ends = samples.lens.slope(np.array([samples.depth.min(), samples.depth.max()], np.float32))
+        ends = lens.slope(np.array(depths, np.float32))
         c_min, c_max = np.clip(ends, -MAX_SLOPE, MAX_SLOPE)
         slabs = Slabs.covering(
             float(c_min),
@@ -87,10 +111,10 @@ class Plan(Tiling):
             part_sigma=aperture.sigma,
         )
         return cls(
-            height=samples.height,
-            width=samples.width,
+            height=size[0],
+            width=size[1],
             tile=tile,
-            spp=samples.spp,
+            spp=size[2],
             slabs=slabs,
             pixel_variance=sigma_pix**2,
             aperture_variance=variance,

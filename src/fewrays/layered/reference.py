@@ -37,7 +37,7 @@ from fewrays.layered.taps import TAPS_REACH, gaussian_taps, tap_count
 from fewrays.parallel import Execution, progress_bar
 from fewrays.samples import SampleBuffer
 
-__all__ = ["reconstruct_tiles"]
+__all__ = ["blur_variance", "reconstruct_tiles"]
 
 Float64 = npt.NDArray[np.float64]
 
@@ -216,18 +216,18 @@ def _layers_near(survey: _Survey, plan: Plan, area: _Window, levels: Container[i
             yield _Layer(index, float(slope), int(level))
 
 
-def _blur_variance(layer: _Layer, plan: Plan) -> float:
-    """Variance in bins² that remains to blur a layer by, along one axis.
+def blur_variance(plan: Plan, level: int, slope: float) -> float:
+    """Return the variance in bins² that remains to blur a layer by, along one axis.
 
     Wanted is the pixel filter's variance and that of the aperture, or of a part of it, at the layer's slope.
     Bins and interpolation have each a share in it already.
     """
-    if layer.near:
-        variance = (plan.pixel_variance + layer.slope**2 * plan.aperture_variance) / 4.0**layer.level
+    if level < 0:
+        variance = (plan.pixel_variance + slope**2 * plan.aperture_variance) / 4.0**level
     else:
-        variance = plan.pixel_variance + layer.slope**2 * plan.aperture.sigma**2 - plan.interpolation_variance
-        if layer.level > 0:
-            variance = variance / 4.0**layer.level - MAGNIFIED_VARIANCE - SHARED_VARIANCE
+        variance = plan.pixel_variance + slope**2 * plan.aperture.sigma**2 - plan.interpolation_variance
+        if level > 0:
+            variance = variance / 4.0**level - MAGNIFIED_VARIANCE - SHARED_VARIANCE
     return max(variance - BIN_VARIANCE, 0.0)
 
 
@@ -242,7 +242,7 @@ def _filter(samples: _Flat, layer: _Layer, plan: Plan, window: _Window) -> Float
     an edge, only part of the lens sees it, and unweighted the side that more of it sees would outweigh the
     other.
     """
-    variance = _blur_variance(layer, plan)
+    variance = blur_variance(plan, layer.level, layer.slope)
     bins = 2 ** max(-layer.level, 0)  # along the side of a cell
     first = 0.5 if layer.near else 0.0  # the centre of a pixel lies between bins, that of a bin in it
     taps = gaussian_taps(variance, first, tap_count(variance, first))

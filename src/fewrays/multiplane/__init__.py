@@ -4,7 +4,7 @@ The layered paper averages each layer's opacity over the lens *before* it compos
 hides whom. The temporal paper resolves that at every location, by searching samples. Here samples become maps
 of radiance and opacity at the lens centre, one for every depth (`slabs`, `build`), and the maps are laid
 behind one another once for every lens point and time, before these are averaged (`render`).
-`reference` is all that in plain NumPy.
+`reference` is all that in plain NumPy, and `cuda` for GPUs; `engine` chooses.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fewrays.cuda.samples import DeviceSamples
 from fewrays.method import Method, Reconstruction
 from fewrays.multiplane import reference
 from fewrays.multiplane.build import BuildOptions
@@ -34,8 +35,11 @@ class MultiplaneOptions(RenderOptions, BuildOptions):
         super().__post_init__()
 
 
-def _run(samples: SampleBuffer, options: MultiplaneOptions, execution: Execution) -> Reconstruction:
+def _run(
+    samples: SampleBuffer | DeviceSamples, options: MultiplaneOptions, execution: Execution
+) -> Reconstruction:
     if execution.device == "reference":
+        assert isinstance(samples, SampleBuffer)
         seen = reference.reconstruct(samples, options, execution)
         return Reconstruction(np.ascontiguousarray(seen[..., :3], np.float32))
     planes = PREPARATION.prepare(samples, options, execution)
@@ -46,7 +50,7 @@ METHOD = Method(
     name="multiplane",
     summary="maps of radiance and opacity by depth, laid behind one another for every lens point and time",
     options=MultiplaneOptions,
-    devices=("cpu", "reference"),
+    devices=("cpu", "reference", "cuda"),
     run=_run,
     preparation=PREPARATION,
 )

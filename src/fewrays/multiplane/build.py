@@ -12,13 +12,13 @@ as `prior` rays. So cells average over as many neighbours as the sampling densit
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from fewrays import _native
+from fewrays.cuda.samples import DeviceSamples
 from fewrays.errors import require_option
 from fewrays.multiplane.maps import BLOCK, Grid, Maps, Shear, native_planes, number_blocks
 from fewrays.multiplane.slabs import Assignment, SlabRule, assign_planes
@@ -26,31 +26,35 @@ from fewrays.native_view import view_light_field
 from fewrays.parallel import Execution, map_ranges
 from fewrays.samples import SampleBuffer
 
-__all__ = ["BuildOptions", "build_maps", "lay_out"]
+__all__ = ["BuildOptions", "Layout", "beyond_memory", "build_maps", "extents", "lay_out", "radiance_scale"]
 
 _MOST_BLUR = 2.0  # widths or heights of the image
+_MEGABYTE = 2**20
 _MARGIN = 4  # pixels beyond what the lens shifts
 _RUN = 128  # samples that are looked at together
 _ROWS = 384  # cells of a plane's height that are built at once: two of native code's regions
+_DENSE = 3  # samples per pixel that cells of half a pixel need out of focus
 _LARGEST = 2.0**15  # stored radiance
+_LEAST_EXPONENT = -100  # of a plane's scale: single precision holds its inverse as well
 
 
 @dataclass(frozen=True, kw_only=True)
 class BuildOptions:
     """How planes are made of samples."""
 
-    thickness: float = 0.4
+    thickness: float = 0.35
     """Thickness of planes near focus, in pixels of blur radius."""
     linear_to: float = 8.0
     """Blur radius in pixels beyond which planes grow thicker in proportion to it."""
     cells: int = 3
-    """Cells per pixel and axis of planes in focus, 1 to 3."""
+    """Cells per pixel and axis of planes in focus, 1 to 3; others have two, or one if this is 1 or there are
+    fewer than three samples per pixel."""
     fine_to: float = 2.0
-    """Blur radius in pixels up to which planes have two cells, to a third of it `cells`; others have one."""
+    """Blur radius in pixels up to which planes count as in focus."""
+    memory: float = 1350.0
+    """Megabytes (2^20 bytes) for planes; beyond, those with most blur have one cell per pixel."""
     prior: float = 0.2
     """Rays that the estimate of a cell's neighbourhood counts as."""
-    smoothing: float = 0.05
-    """Gaussian that widely blurred planes are smoothed with, in units of their blur radius; 0 for none."""
     motion_cell: float = 1.5
     """Motion that one plane stands for, in pixels over the shutter interval along each axis."""
 
@@ -59,11 +63,11 @@ class BuildOptions:
         require_option("linear_to", self.linear_to, 1 <= self.linear_to <= 1000, "from 1 to 1000 px")
         require_option("cells", self.cells, self.cells in (1, 2, 3), "of 1, 2 or 3")
         require_option("fine_to", self.fine_to, self.fine_to >= 0, "of at least 0 px")
+        require_option("memory", self.memory, self.memory >= 0, "of at least 0 MB")
         require_option("prior", self.prior, 0.01 <= self.prior <= 100, "from 0.01 to 100")
-        require_option("smoothing", self.smoothing, 0 <= self.smoothing <= 0.2, "from 0 to 0.2")
         require_option("motion_cell", self.motion_cell, 0.25 <= self.motion_cell <= 64, "from 0.25 to 64 px")
 
-    def slab_rule(self, samples: SampleBuffer) -> SlabRule:
+    def slab_rule(self, samples: SampleBuffer | DeviceSamples) -> SlabRule:
         """Return how samples are sorted."""
         most_blur = _MOST_BLUR * max(samples.height, samples.width)
         return SlabRule(self.thickness, self.linear_to, self.motion_cell, most_blur)
@@ -73,14 +77,13 @@ def build_maps(samples: SampleBuffer, options: BuildOptions, execution: Executio
     """Make planes of samples; see `Multiplane.build`."""
     rule = options.slab_rule(samples)
     assignment = assign_planes(samples, rule)
-    shear, grid = lay_out(assignment, samples, options)
-    field, planes = view_light_field(samples), native_planes(shear, grid, rule.most_blur)
-    marks = np.zeros(grid.slot_count, np.uint8)
-    reach = np.zeros(len(shear.slope), np.float32)
-    _native.multiplane_mark(field, assignment.plane_of, planes, marks, reach)
-    slots, units = number_blocks(marks.view(np.bool_), grid)
+    field = view_light_field(samples)
+    layout = lay_out(assignment, samples, options)
+    shear, grid, marks = layout.shear, layout.grid, layout.marks
+    scale = radiance_scale(layout.brightest)
+    planes = native_planes(shear, grid, scale, rule.most_blur)
+    slots, units = number_blocks(marks, grid)
     halves = np.zeros(units * _native.UNIT_HALVES + 2 * _native.HALF_PADDING, np.uint16)
-    scale = _radiance_scale(samples.color)
     runs = _native.SampleRuns(-(-samples.depth.size // _RUN))
     map_ranges(
         lambda first, last: _native.multiplane_runs(field, assignment.plane_of, _RUN, first, last, runs),
@@ -98,9 +101,8 @@ def build_maps(samples: SampleBuffer, options: BuildOptions, execution: Executio
             slots,
             runs,
             _RUN,
-            reach,
+            layout.reach,
             options.prior,
-            1 / scale,
             parts,
             first,
             last,
@@ -111,22 +113,93 @@ def build_maps(samples: SampleBuffer, options: BuildOptions, execution: Executio
     return Maps(samples.height, samples.width, samples.lens, shear, grid, slots, halves, scale)
 
 
-def lay_out(assignment: Assignment, samples: SampleBuffer, options: BuildOptions) -> tuple[Shear, Grid]:
-    """Choose each plane's resolution and extent."""
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Planes before they are filled.
+
+    Parameters
+    ----------
+    shear : Shear
+    grid : Grid
+    marks : ndarray of bool
+        Which of all places for blocks samples touch.
+    reach : ndarray of float32, (K,)
+        How far from its image position a sample hits the plane at most, in pixels.
+    brightest : ndarray of float32, (K,)
+        The largest radiance of the plane's samples, in size.
+    """
+
+    shear: Shear
+    grid: Grid
+    marks: npt.NDArray[np.bool_]
+    reach: npt.NDArray[np.float32]
+    brightest: npt.NDArray[np.float32]
+
+
+def lay_out(assignment: Assignment, samples: SampleBuffer, options: BuildOptions) -> Layout:
+    """Choose each plane's extent and resolution, and find the blocks that samples touch."""
+    shear, grid = extents(assignment, samples, options)
+    layout = _touch(assignment, samples, options, shear, grid)
+    kept = np.concatenate([[0], np.cumsum(layout.marks)])
+    coarse = beyond_memory(shear, grid, np.diff(kept[np.append(grid.first_slot, grid.slot_count)]), options)
+    if coarse.any():
+        grid = replace(grid, cells=np.where(coarse, 1, grid.cells).astype(np.int32))
+        layout = _touch(assignment, samples, options, shear, grid)
+    return layout
+
+
+def extents(
+    assignment: Assignment, samples: SampleBuffer | DeviceSamples, options: BuildOptions
+) -> tuple[Shear, Grid]:
+    """Choose each plane's extent, and its resolution if there is memory enough."""
     size = np.abs(assignment.slope)
-    smoothing = np.where(options.smoothing * size > 0.3, options.smoothing * size, 0.0)
-    cells = np.where(size <= options.fine_to, min(options.cells, 2), 1).astype(np.int32)
-    cells[size <= options.fine_to / 3] = options.cells
     shift = size[:, None] + 0.5 * np.abs(assignment.motion)
     margin = np.ceil(shift).astype(np.int64) + _MARGIN
     block = np.array(BLOCK[::-1])
     corner = -(np.ceil(margin / block).astype(np.int64) * block)
     end = np.array([samples.width, samples.height]) + margin
     shape = np.ceil((end - corner) / block).astype(np.int32)
-    return Shear(assignment.slope, assignment.motion, smoothing), Grid(cells, corner.astype(np.int32), shape)
+    others = min(options.cells, _cells_out_of_focus(assignment, samples))
+    cells = np.where(size <= options.fine_to, options.cells, others).astype(np.int32)
+    return Shear(assignment.slope, assignment.motion), Grid(cells, corner.astype(np.int32), shape)
 
 
-def _parts(grid: Grid, marks: npt.NDArray[np.uint8]) -> npt.NDArray[np.int32]:
+def _cells_out_of_focus(assignment: Assignment, samples: SampleBuffer | DeviceSamples) -> int:
+    """Return how many cells per pixel and axis planes out of focus have at most, 1 or 2.
+
+    Four cells that have less than a ray each are noisier than one, even where blur averages them: one shares
+    evidence out more widely before hits are divided by it. In focus, detail is worth that noise.
+    """
+    return 2 if assignment.kept >= _DENSE * samples.height * samples.width else 1
+
+
+def _touch(
+    assignment: Assignment, samples: SampleBuffer, options: BuildOptions, shear: Shear, grid: Grid
+) -> Layout:
+    """Find the blocks that samples touch."""
+    marks = np.zeros(grid.slot_count, np.uint8)
+    reach, brightest = np.zeros((2, len(shear.slope)), np.float32)
+    planes = native_planes(shear, grid, np.ones(len(shear.slope)), options.slab_rule(samples).most_blur)
+    _native.multiplane_mark(view_light_field(samples), assignment.plane_of, planes, marks, reach, brightest)
+    return Layout(shear, grid, marks.view(np.bool_), reach, brightest)
+
+
+def beyond_memory(
+    shear: Shear, grid: Grid, blocks: npt.NDArray[np.int64], options: BuildOptions
+) -> npt.NDArray[np.bool_]:
+    """Return which planes, of so many blocks (K,), have to make do with one cell per pixel, (K,).
+
+    They are those with most blur.
+    """
+    one = blocks * (2 * _native.UNIT_HALVES)  # bytes with one cell per pixel
+    more = one * (grid.cells.astype(np.int64) ** 2 - 1)
+    order = np.argsort(np.abs(shear.slope), kind="stable")
+    coarse = np.empty(len(order), np.bool_)
+    coarse[order] = one.sum() + np.cumsum(more[order]) > options.memory * _MEGABYTE
+    return coarse & (grid.cells > 1)
+
+
+def _parts(grid: Grid, marks: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
     """Cut planes into parts (N, 3) of bounded height, not empty: plane, first row of blocks, end."""
     parts = []
     for plane, (columns, rows) in enumerate(grid.shape):
@@ -142,7 +215,8 @@ def _parts(grid: Grid, marks: npt.NDArray[np.uint8]) -> npt.NDArray[np.int32]:
     return np.array(parts, np.int32).reshape(-1, 3)
 
 
-def _radiance_scale(color: npt.NDArray[np.float32]) -> float:
-    """Power of two by which stored radiance is multiplied to become radiance."""
-    largest = max(float(color.max()), -float(color.min()))
-    return 2.0 ** math.ceil(math.log2(largest / _LARGEST)) if largest > 0 else 1.0
+def radiance_scale(brightest: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
+    """Return the powers of two (K,) that stored radiance is multiplied with."""
+    exponent = np.frexp(brightest.astype(np.float64) / _LARGEST)[1]
+    scale: npt.NDArray[np.float64] = np.ldexp(1.0, np.maximum(exponent, _LEAST_EXPONENT))
+    return scale

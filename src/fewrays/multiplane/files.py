@@ -3,14 +3,14 @@
 ::
 
     16 bytes  "FEWRAYS-PLANES", carriage return, line feed
-    uint32    version, 1
+    uint32    version, 2
     uint32    length of the description in bytes
-    JSON      {"height": …, "width": …, "scale": …, "lens": {…}, "planes": K}
+    JSON      {"height": …, "width": …, "lens": {…}, "planes": K}
     zlib      tables, then blocks
 
-All numbers are little-endian. The tables are those of `Shear` and `Grid`, in the order of `_TABLES`, and one
-bit for each place of a block, the first in the highest of a byte: whether there is one. So where blocks lie
-takes no numbers that could be wrong.
+All numbers are little-endian. The tables are those of `Shear`, `Maps` and `Grid`, in the order of `_TABLES`,
+and one bit for each place of a block, the first in the highest of a byte: whether there is one. So where
+blocks lie takes no numbers that could be wrong.
 
 Blocks come plane by plane in runs of at most 64. The half-precision numbers of a run are turned into others
 that deflate better and lose nothing (`_encode`), and stored as all their upper bytes and then all their lower
@@ -50,17 +50,19 @@ __all__ = ["load_maps", "save_maps"]
 
 Bools = npt.NDArray[np.bool_]
 Bytes = npt.NDArray[np.uint8]
+Float64 = npt.NDArray[np.float64]
 Halves = npt.NDArray[np.uint16]
 Indices = npt.NDArray[np.int32]
 
 _MAGIC = b"FEWRAYS-PLANES\r\n"  # a transfer that changes line ends damages it
-_VERSION = 1
+_VERSION = 2
 _LEVEL = 4  # of zlib
 _MOST_HEADER = 4096  # bytes
 _MOST_PLANES = 2**15 - 1
 _MOST_PLACES = 2**28  # for blocks
 _FREE_PLACES = 2**20  # that a file of any length may have: 5 MB
 _FARTHEST = 2.0**22  # pixels
+_LARGEST_SCALE = 2.0**100  # sums of many planes stay finite
 _RUN = 64  # blocks
 _CHUNK = 2**16  # bytes of the file read at a time
 
@@ -70,7 +72,7 @@ _ONE = 0x3C00
 _TABLES: dict[str, tuple[str, int]] = {
     "slope": ("<f8", 1),
     "motion": ("<f8", 2),
-    "smoothing": ("<f8", 1),
+    "scale": ("<f8", 1),
     "cells": ("<i4", 1),
     "corner": ("<i4", 2),
     "shape": ("<i4", 2),
@@ -104,7 +106,7 @@ def save_maps(path: str | Path, maps: Maps, *, progress: bool = False) -> None:
     SampleError
         When the planes exceed what `load_maps` accepts, or the file cannot be written.
     """
-    _check_tables(maps.shear, maps.grid)
+    _check_tables(maps.shear, maps.scale, maps.grid)
     kept = maps.slots >= 0
     with (
         replace_files(as_path(path)) as [temporary],
@@ -114,8 +116,8 @@ def save_maps(path: str | Path, maps: Maps, *, progress: bool = False) -> None:
         file.write(_describe(maps))
         deflate = zlib.compressobj(_LEVEL)
         for name, (dtype, _) in _TABLES.items():
-            table = getattr(maps.shear, name, None)
-            table = getattr(maps.grid, name) if table is None else table
+            owner = next(part for part in (maps.shear, maps, maps.grid) if hasattr(part, name))
+            table = getattr(owner, name)
             file.write(deflate.compress(table.astype(dtype).tobytes()))
         file.write(deflate.compress(np.packbits(kept).tobytes()))
         for blocks, neighbours in _blocks_by_plane(maps.grid, kept, maps.halves):
@@ -146,14 +148,14 @@ def load_maps(path: str | Path, *, progress: bool = False) -> Maps:
     Raises
     ------
     SampleError
-        For anything but a complete, consistent file of version 1. Sizes are compared with the length of the
+        For anything but a complete, consistent file of version 2. Sizes are compared with the length of the
         file and with these caps before anything is allocated: 65 536 pixels a side, 32 767 planes within
         2^22 pixels of the image, 2^28 places for blocks.
     """
     with open_file(as_path(path)) as (file, length):
-        height, width, scale, lens, planes = _read_description(file)
+        height, width, lens, planes = _read_description(file)
         stream = _Stream(file, length)
-        shear, grid = _read_tables(stream, planes)
+        shear, scale, grid = _read_tables(stream, planes)
         kept = _read_kept(stream, grid)
         slots, units = number_blocks(kept, grid)
         size = units * _native.UNIT_HALVES
@@ -173,7 +175,6 @@ def _describe(maps: Maps) -> bytes:
     description = {
         "height": int(maps.height),
         "width": int(maps.width),
-        "scale": float(maps.scale),
         "lens": dataclasses.asdict(maps.lens),
         "planes": maps.plane_count,
     }
@@ -181,8 +182,8 @@ def _describe(maps: Maps) -> bytes:
     return _MAGIC + struct.pack("<II", _VERSION, len(text)) + text
 
 
-def _read_description(file: BinaryIO) -> tuple[int, int, float, Lens, int]:
-    """Return height, width, scale, lens and number of planes."""
+def _read_description(file: BinaryIO) -> tuple[int, int, Lens, int]:
+    """Return height, width, lens and number of planes."""
     if file.read(len(_MAGIC)) != _MAGIC:
         raise SampleError("holds no planes: it does not begin like a .planes file")
     version, length = struct.unpack("<II", read_exactly(file, 8, "version"))
@@ -195,17 +196,14 @@ def _read_description(file: BinaryIO) -> tuple[int, int, float, Lens, int]:
     except (ValueError, RecursionError) as error:
         problem = error.problem if isinstance(error, SampleError) else f"is no JSON: {error}"
         raise SampleError(problem, field="description") from None
-    names = ("height", "width", "scale", "lens", "planes")
+    names = ("height", "width", "lens", "planes")
     if not isinstance(description, dict) or set(description) != set(names):
         raise SampleError(f"expected an object of {', '.join(names)}", field="description")
     height, width, planes = (_whole(description, name) for name in ("height", "width", "planes"))
     check_size(height, width, 1, "description")
     if not 1 <= planes <= _MOST_PLANES:
         raise SampleError(f"expected 1 to {_MOST_PLANES}, got {planes}", field="planes")
-    scale = description["scale"]
-    if not (isinstance(scale, float) and 0 < scale <= float(np.finfo(np.float32).max)):
-        raise SampleError(f"expected a positive, finite number, got {scale!r}", field="scale")
-    return height, width, scale, _lens_of(description["lens"]), planes
+    return height, width, _lens_of(description["lens"]), planes
 
 
 def _whole(description: dict[str, Any], name: str) -> int:
@@ -225,26 +223,26 @@ def _lens_of(description: Any) -> Lens:
 # The tables.
 
 
-def _read_tables(stream: _Stream, planes: int) -> tuple[Shear, Grid]:
+def _read_tables(stream: _Stream, planes: int) -> tuple[Shear, Float64, Grid]:
     stream.check_claim(sum(np.dtype(dtype).itemsize * n for dtype, n in _TABLES.values()) * planes, "planes")
     tables = {}
     for name, (dtype, columns) in _TABLES.items():
         data = stream.read(planes * columns * np.dtype(dtype).itemsize, name)
         table = data.view(dtype).astype(dtype.replace("<", "="))
         tables[name] = table if columns == 1 else table.reshape(planes, columns)
-    shear = Shear(tables["slope"], tables["motion"], tables["smoothing"])
+    shear, scale = Shear(tables["slope"], tables["motion"]), tables["scale"]
     grid = Grid(tables["cells"], tables["corner"], tables["shape"])
-    _check_tables(shear, grid)
-    return shear, grid
+    _check_tables(shear, scale, grid)
+    return shear, scale, grid
 
 
-def _check_tables(shear: Shear, grid: Grid) -> None:
+def _check_tables(shear: Shear, scale: Float64, grid: Grid) -> None:
     """Raise unless native code can compute with these numbers."""
     far = f"a number of pixels of at most {_FARTHEST:g} in size"
     _check("slope", shear.slope, np.abs(shear.slope) <= _FARTHEST, far)
     _check("slope", shear.slope, np.diff(shear.slope, prepend=-np.inf) >= 0, "one not below the one before")
     _check("motion", shear.motion, np.abs(shear.motion) <= _FARTHEST, far)
-    _check("smoothing", shear.smoothing, (shear.smoothing >= 0) & (shear.smoothing <= _FARTHEST), far)
+    _check("scale", scale, (scale > 0) & (scale <= _LARGEST_SCALE), "a positive number of at most 2^100")
     _check("cells", grid.cells, (grid.cells >= 1) & (grid.cells <= 3), "1, 2 or 3")
     _check("corner", grid.corner, np.abs(grid.corner.astype(np.int64)) <= _FARTHEST, far)
     most = _FARTHEST / np.array(BLOCK[::-1])

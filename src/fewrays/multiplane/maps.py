@@ -32,13 +32,10 @@ class Shear:
         In pixels per lens unit, rising from front to back.
     motion : ndarray, (K, 2)
         In pixels per shutter interval.
-    smoothing : ndarray, (K,)
-        Standard deviation of the Gaussian that the maps were smoothed with, in pixels.
     """
 
     slope: npt.NDArray[np.float64]
     motion: npt.NDArray[np.float64]
-    smoothing: npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +91,8 @@ class Maps:
         none. See ``native/multiplane.h``.
     halves : ndarray of uint16
         Half-precision opacity and premultiplied radiance of the blocks.
-    scale : float
-        What stored radiance has to be multiplied with.
+    scale : ndarray, (K,)
+        What the stored radiance of each plane has to be multiplied with: a power of two.
     """
 
     height: int
@@ -105,7 +102,7 @@ class Maps:
     grid: Grid
     slots: Int32
     halves: npt.NDArray[np.uint16]
-    scale: float
+    scale: npt.NDArray[np.float64]
 
     @property
     def plane_count(self) -> int:
@@ -142,12 +139,17 @@ class Maps:
 
     def native(self) -> _native.DepthPlanes:
         """Return the planes as native code reads them."""
-        return native_planes(self.shear, self.grid)
+        return native_planes(self.shear, self.grid, self.scale)
 
 
-def native_planes(shear: Shear, grid: Grid, most_blur: float = math.inf) -> _native.DepthPlanes:
-    """Return shear and grid as native code reads them, and above which blur radius in pixels none differ."""
-    shears = np.column_stack([shear.slope, shear.motion, shear.smoothing]).astype(np.float32)
+def native_planes(
+    shear: Shear, grid: Grid, scale: npt.NDArray[np.float64], most_blur: float = math.inf
+) -> _native.DepthPlanes:
+    """Return shear, grid and scale as native code reads them.
+
+    Blur radii above `most_blur`, in pixels, count as this one.
+    """
+    shears = np.column_stack([shear.slope, shear.motion, scale]).astype(np.float32)
     grids = np.column_stack([grid.cells, grid.corner, grid.shape, grid.first_slot]).astype(np.int32)
     return _native.DepthPlanes(np.ascontiguousarray(shears), np.ascontiguousarray(grids), most_blur)
 

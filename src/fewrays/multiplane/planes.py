@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from fewrays.cuda.samples import DeviceSamples
 from fewrays.errors import SampleError
 from fewrays.lens import Lens
-from fewrays.multiplane.build import BuildOptions, build_maps
+from fewrays.multiplane import engine
+from fewrays.multiplane.build import BuildOptions
 from fewrays.multiplane.files import load_maps, save_maps
 from fewrays.multiplane.maps import Maps
-from fewrays.multiplane.render import RenderOptions, render_maps
+from fewrays.multiplane.render import RenderOptions
 from fewrays.parallel import Execution
 from fewrays.samples import SampleBuffer
 
@@ -32,8 +35,8 @@ class Multiplane:
 
     Parameters
     ----------
-    maps : Maps
-        The planes from front to back.
+    planes : Maps or DevicePlanes
+        The planes from front to back, in the host's memory or in a GPU's.
 
     Examples
     --------
@@ -52,18 +55,18 @@ class Multiplane:
     np.float32(1.0)
     """
 
-    maps: Maps
+    planes: engine.AnyPlanes
 
     @classmethod
-    def build(cls, samples: SampleBuffer, **options: Any) -> Multiplane:
+    def build(cls, samples: SampleBuffer | DeviceSamples, **options: Any) -> Multiplane:
         """Sort samples into planes and estimate each plane's radiance and opacity.
 
         Parameters
         ----------
-        samples : SampleBuffer
+        samples : SampleBuffer or DeviceSamples
         **options
-            The fields of `fewrays.multiplane.BuildOptions`, and `threads` and `progress` as for
-            `fewrays.reconstruct`.
+            The fields of `fewrays.multiplane.BuildOptions`, and `device`, `threads` and `progress` as for
+            `fewrays.reconstruct`. Planes that a GPU makes stay in its memory.
 
         Returns
         -------
@@ -74,7 +77,7 @@ class Multiplane:
         SampleError
             For options out of range.
         """
-        return cls(build_maps(samples, *split_options(BuildOptions, options)))
+        return cls(engine.build(samples, *split_options(BuildOptions, options)))
 
     def render(self, lens: Lens | None = None, **options: Any) -> npt.NDArray[np.float32]:
         """Make an image.
@@ -86,8 +89,8 @@ class Multiplane:
             ``planes.lens.refocus(…)`` returns. Through a larger lens than that of the samples, what none of
             them saw is missing: there the planes continue what they know.
         **options
-            The fields of `fewrays.multiplane.RenderOptions`, and `threads` and `progress` as for
-            `fewrays.reconstruct`.
+            The fields of `fewrays.multiplane.RenderOptions`, and `device`, `output`, `threads` and `progress`
+            as for `fewrays.reconstruct`, but that ``device="auto"`` is where the planes are.
 
         Returns
         -------
@@ -99,8 +102,17 @@ class Multiplane:
         SampleError
             For options out of range, or a lens that these planes cannot be seen through.
         """
-        image = render_maps(self.maps, lens, *split_options(RenderOptions, options))
-        return np.ascontiguousarray(image[..., :3])
+        return engine.render(self.planes, lens, *split_options(RenderOptions, options))
+
+    def on_card(self) -> Multiplane:
+        """Return the same planes in the memory of the current GPU, which makes many images of them faster.
+
+        Raises
+        ------
+        SampleError
+            Without a GPU.
+        """
+        return Multiplane(engine.on_card(self.planes))
 
     def save(self, path: str | Path) -> None:
         """Write one compact file, ``.planes``.
@@ -123,29 +135,34 @@ class Multiplane:
         """
         return cls(load_maps(path))
 
+    @cached_property
+    def maps(self) -> Maps:
+        """The planes in the host's memory."""
+        return engine.on_host(self.planes)
+
     @property
     def lens(self) -> Lens:
         """The lens of the samples."""
-        return self.maps.lens
+        return self.planes.lens
 
     @property
     def height(self) -> int:
         """Image height in pixels."""
-        return self.maps.height
+        return self.planes.height
 
     @property
     def width(self) -> int:
         """Image width in pixels."""
-        return self.maps.width
+        return self.planes.width
 
     @property
     def nbytes(self) -> int:
         """Bytes that the maps take."""
-        return self.maps.nbytes
+        return self.planes.nbytes
 
     def __repr__(self) -> str:
         return (
-            f"Multiplane({self.width} x {self.height} pixels, {self.maps.plane_count} planes, "
+            f"Multiplane({self.width} x {self.height} pixels, {self.planes.plane_count} planes, "
             f"{self.nbytes / (self.width * self.height):.0f} bytes a pixel)"
         )
 
@@ -158,10 +175,10 @@ def split_options(kind: type[Options], given: dict[str, Any]) -> tuple[Options, 
     SampleError
         For a name that neither has, or a value out of range.
     """
-    execution = {name: given[name] for name in ("threads", "progress") if name in given}
+    execution = {name: given[name] for name in ("device", "output", "threads", "progress") if name in given}
     own = {name: value for name, value in given.items() if name not in execution}
     names = [field.name for field in fields(kind)]
     unknown = sorted(set(own) - set(names))
     if unknown:
         raise SampleError(f"no option {unknown[0]!r}; there are {', '.join(names)}", field=unknown[0])
-    return kind(**own), Execution(**execution)
+    return kind(**own), Execution(**{"device": "auto", **execution})

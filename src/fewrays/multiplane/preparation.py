@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
+from fewrays.cuda.device import pick_device
+from fewrays.cuda.samples import DeviceSamples
 from fewrays.lens import Lens
 from fewrays.method import Preparation, Reconstruction
-from fewrays.multiplane.build import BuildOptions, build_maps
+from fewrays.multiplane import engine
+from fewrays.multiplane.build import BuildOptions
+from fewrays.multiplane.cuda.planes import DevicePlanes
 from fewrays.multiplane.planes import Multiplane
-from fewrays.multiplane.render import RenderOptions, render_maps
+from fewrays.multiplane.render import RenderOptions
 from fewrays.parallel import Execution
 from fewrays.samples import SampleBuffer
 
@@ -43,8 +48,15 @@ class PreparedPlanes:
 
     def reconstruct(self, lens: Lens, options: RenderOptions, execution: Execution) -> Reconstruction:
         """Render the planes through a lens."""
-        image = render_maps(self.planes.maps, lens, options, execution)
-        return Reconstruction(np.ascontiguousarray(image[..., :3]))
+        return Reconstruction(engine.render(self._planes_on(execution.device), lens, options, execution))
+
+    def _planes_on(self, device: str) -> engine.AnyPlanes:
+        """Return the planes where an image of them is made; they are copied once."""
+        return self._on_card if pick_device(("cpu", "cuda"), device) == "cuda" else self.planes.planes
+
+    @cached_property
+    def _on_card(self) -> DevicePlanes:
+        return engine.on_card(self.planes.planes)
 
     def save(self, path: Path) -> None:
         """Write the planes to a file."""
@@ -70,8 +82,10 @@ class PreparedPlanes:
         return texts
 
 
-def _prepare(samples: SampleBuffer, options: BuildOptions, execution: Execution) -> PreparedPlanes:
-    return PreparedPlanes(Multiplane(build_maps(samples, options, execution)))
+def _prepare(
+    samples: SampleBuffer | DeviceSamples, options: BuildOptions, execution: Execution
+) -> PreparedPlanes:
+    return PreparedPlanes(Multiplane(engine.build(samples, options, execution)))
 
 
 def _load(path: Path) -> PreparedPlanes:

@@ -38,6 +38,7 @@ from fewrays.multiplane.build import BuildOptions, lay_out
 from fewrays.multiplane.maps import BLOCK, Shear
 from fewrays.multiplane.render import RenderOptions, shrink_of
 from fewrays.multiplane.slabs import assign_planes
+from fewrays.multiplane.smoothing import Smoothing, widened
 from fewrays.parallel import Execution, progress_bar
 from fewrays.samples import SampleBuffer
 from fewrays.temporal.reprojection import Paths
@@ -60,7 +61,7 @@ LEAST_SEEN = 1e-3
 
 _WIDEST = 2**LEVELS
 _KEPT_AROUND = 2  # cells: a sample reaches one to each side, and interpolation one more
-_LEAST_SIGMA = 0.3  # cells; a Gaussian narrower than that has no second tap to speak of
+_LEAST_OPACITY = 1 / 32  # of a block that smoothing adds
 _SIGMAS = 3  # standard deviations where the Gaussian ends
 
 
@@ -123,7 +124,7 @@ class Planes:
     lens : Lens
         Of the samples.
     shear : Shear
-        Slopes, motions and smoothing of the planes as `render.shrink_of` wants them.
+        Slopes and motions of the planes.
     planes : sequence of Plane
     """
 
@@ -162,12 +163,13 @@ def build(samples: SampleBuffer, options: BuildOptions, execution: Execution) ->
     """Sort samples into planes and estimate each plane's opacity and radiance."""
     rule = options.slab_rule(samples)
     assignment = assign_planes(samples, rule)
-    shear, grid = lay_out(assignment, samples, options)
+    layout = lay_out(assignment, samples, options)
+    shear, grid = layout.shear, layout.grid
     rays = _Rays.of_samples(samples, rule.most_blur)
     planes = []
     with progress_bar(len(shear.slope), "multiplane: build", show=execution.progress, unit="plane") as bar:
         for k, (slope, motion) in enumerate(zip(shear.slope, shear.motion, strict=True)):
-            cells, smoothing = int(grid.cells[k]), float(shear.smoothing[k])
+            cells = int(grid.cells[k])
             hit, passing = (
                 np.flatnonzero(which) for which in (assignment.plane_of == k, assignment.plane_of > k)
             )
@@ -178,7 +180,6 @@ def build(samples: SampleBuffer, options: BuildOptions, execution: Execution) ->
             pass_sums = window.share_out(passes, np.ones((len(passing), 1)))
             # Where nothing is kept nothing was hit, though no pass was counted either.
             layer = window.kept[..., None] * _estimate(hit_sums, pass_sums, options.prior)
-            layer = _smooth(layer, smoothing * cells)
             planes.append(Plane(float(slope), motion, cells, window.corner, window.kept, layer))
             bar.update()
     return Planes(samples.height, samples.width, samples.lens, shear, planes)
@@ -340,21 +341,6 @@ def _doubled(coarse: Float64) -> Float64:
     return coarse
 
 
-def _smooth(layer: Float64, sigma: float) -> Float64:
-    """Convolve a map (R, C, V) with a Gaussian of a standard deviation in cells."""
-    if sigma <= _LEAST_SIGMA:
-        return layer
-    reach = min(math.ceil(_SIGMAS * sigma), _WIDEST)
-    taps = np.exp(-0.5 * np.square(np.arange(-reach, reach + 1) / sigma))
-    taps /= taps.sum()
-    for axis in (0, 1):
-        along = np.moveaxis(layer, axis, 0)
-        padded = np.pad(along, [(reach, reach), (0, 0), (0, 0)], mode="edge")
-        blurred = sum(tap * padded[k : k + len(along)] for k, tap in enumerate(taps))
-        layer = np.moveaxis(np.asarray(blurred), 0, axis)
-    return layer
-
-
 # From planes to images.
 
 
@@ -368,7 +354,10 @@ def render(planes: Planes, lens: Lens | None, options: RenderOptions, execution:
     """
     planes = planes if lens is None else _through(planes, lens)
     where = options.locations(planes.lens)
-    shrink = shrink_of(planes.shear, np.array([plane.cells for plane in planes.planes]), where)
+    cells = np.array([plane.cells for plane in planes.planes], np.int32)
+    smoothing = options.smoothing_of(planes.shear.slope, cells, planes.lens, where)
+    planes = _smoothed(planes, smoothing)
+    shrink = shrink_of(planes.shear.slope, smoothing.variance, where)
     rim = options.vignetting().front_rim(where.uv, planes.height, planes.width)
     pixels = np.stack(np.meshgrid(np.arange(planes.width), np.arange(planes.height)), axis=-1) + 0.5
     sums = np.zeros((planes.height, planes.width, 3))
@@ -394,6 +383,52 @@ def _through(planes: Planes, lens: Lens) -> Planes:
     slope = factor * planes.shear.slope + (lens.c1 - factor * planes.lens.c1)
     moved = [replace(plane, slope=float(c)) for plane, c in zip(planes.planes, slope, strict=True)]
     return replace(planes, lens=lens, shear=replace(planes.shear, slope=slope), planes=moved)
+
+
+def _smoothed(planes: Planes, smoothing: Smoothing) -> Planes:
+    """Smooth planes by Gaussians, and take means of their cells where these are wide."""
+    soft = []
+    for plane, sigma, cells in zip(planes.planes, smoothing.sigma, smoothing.cells, strict=True):
+        factor = plane.cells // int(cells)
+        layer = _halved(plane.layer) / 4 if factor == 2 else plane.layer
+        kept = plane.kept[::factor, ::factor]
+        layer = _smooth(layer, float(sigma) * int(cells))
+        changed = replace(plane, cells=int(cells), kept=kept, layer=layer)
+        soft.append(_with_blocks_around(changed, float(sigma)) if sigma > 0 else changed)
+    return replace(planes, planes=soft)
+
+
+def _with_blocks_around(plane: Plane, sigma: float) -> Plane:
+    """Keep as well what smoothing has brought to blocks around those kept, unless it is next to nothing."""
+    row, column = (
+        np.floor((plane.corner[1 - axis] + (np.arange(count) + 0.5) / plane.cells) / BLOCK[axis]).astype(int)
+        for axis, count in enumerate(plane.kept.shape)
+    )
+    where = np.ix_(row - row[0], column - column[0])
+    kept = np.zeros((row[-1] - row[0] + 1, column[-1] - column[0] + 1), np.bool_)
+    most = np.zeros(kept.shape)
+    np.logical_or.at(kept, where, plane.kept)
+    np.maximum.at(most, where, plane.layer[..., 0])
+    kept |= widened(kept, sigma) & (most > _LEAST_OPACITY)
+    # The plane ends where its map does, but for the cells that interpolation needs.
+    inside = np.zeros(plane.kept.shape, np.bool_)
+    inside[:-1, :-1] = kept[where][:-1, :-1]
+    return replace(plane, kept=inside)
+
+
+def _smooth(layer: Float64, sigma: float) -> Float64:
+    """Convolve a map (R, C, V) with a Gaussian of a standard deviation in cells."""
+    if sigma == 0:
+        return layer
+    reach = min(math.ceil(_SIGMAS * sigma), _WIDEST)
+    taps = np.exp(-0.5 * np.square(np.arange(-reach, reach + 1) / sigma))
+    taps /= taps.sum()
+    for axis in (0, 1):
+        along = np.moveaxis(layer, axis, 0)
+        padded = np.pad(along, [(reach, reach), (0, 0), (0, 0)], mode="edge")
+        blurred = sum(tap * padded[k : k + len(along)] for k, tap in enumerate(taps))
+        layer = np.moveaxis(np.asarray(blurred), 0, axis)
+    return layer
 
 
 def _view(

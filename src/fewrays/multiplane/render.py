@@ -6,23 +6,26 @@ any of its approximations), until nothing shines through. What is missing behind
 was seen.
 
 Maps are blurred themselves: by sharing rays out among cells, by interpolating between cells, and on purpose
-(`BuildOptions.smoothing`). Their variance is taken off that of the pixel filter and the lens: a plane is
+(`smoothing`). Their variance is taken off that of the pixel filter and the lens: a plane is
 looked at from lens points, and places within the pixel, that are closer together.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from tqdm import tqdm
 
 from fewrays import _native
 from fewrays.aperture_options import ApertureOptions
 from fewrays.errors import require_option
 from fewrays.lens import Lens
-from fewrays.multiplane.maps import Maps, Shear
-from fewrays.parallel import Execution, map_ranges
+from fewrays.multiplane.maps import Maps, native_planes
+from fewrays.multiplane.smoothing import Smoothing, band_rows, distance_between, farthest_shift, smooth_band
+from fewrays.parallel import Execution, map_ranges, progress_bar
 from fewrays.pixel_filter import PixelFilter, PixelFilterShape
 from fewrays.temporal.locations import Locations, make_locations
 from fewrays.temporal.shutter import Shutter, ShutterResponse
@@ -39,6 +42,9 @@ class RenderOptions(ApertureOptions):
 
     views: int = 128
     """Lens points, times and places that every pixel is the mean of: 64 for a draft, 256 for the last bit."""
+    smoothing: float = 0.32
+    """Gaussian that widely blurred planes are smoothed with, in units of the distance that blur puts between
+    neighbouring lens points; 0 for none."""
     pixel_filter: PixelFilterShape = "box"
     """Pixel filter."""
     sigma_pix: float = 0.5
@@ -56,6 +62,7 @@ class RenderOptions(ApertureOptions):
         super().__post_init__()
         whole = isinstance(self.views, int) and 1 <= self.views <= 65536
         require_option("views", self.views, whole, "that is a whole number from 1 to 65536")
+        require_option("smoothing", self.smoothing, 0 <= self.smoothing <= 2, "from 0 to 2")
         self.vignetting()
         self.filter_of_pixels()
         self.open_shutter()
@@ -78,6 +85,13 @@ class RenderOptions(ApertureOptions):
             self.views, self.aperture_of(lens), self.filter_of_pixels(), self.open_shutter()
         )
 
+    def smoothing_of(
+        self, slope: npt.NDArray[np.float64], cells: npt.NDArray[np.int32], lens: Lens, where: Locations
+    ) -> Smoothing:
+        """Return how planes of slopes (K,) and cells (K,) are smoothed for the lens points of `where`."""
+        distance = distance_between(self.aperture_of(lens), where)
+        return Smoothing.of_views(slope, cells, distance, self.smoothing)
+
 
 def render_maps(
     maps: Maps, lens: Lens | None, options: RenderOptions, execution: Execution
@@ -91,43 +105,55 @@ def render_maps(
     """
     seen = maps.through(lens or maps.lens)
     where = options.locations(seen.lens)
-    rim = options.vignetting().front_rim(where.uv, maps.height, maps.width)
-    image = np.zeros((maps.height, maps.width, 4), np.float32)
-    native = seen.native()
+    rim = _native.FrontRim(**asdict(options.vignetting().front_rim(where.uv, maps.height, maps.width)))
+    smoothing = options.smoothing_of(seen.shear.slope, seen.grid.cells, seen.lens, where)
+    shrink = shrink_of(seen.shear.slope, smoothing.variance, where).astype(np.float32)
     views = np.column_stack([where.uv, where.t, where.offset, where.weight]).astype(np.float32)
-    shrink = shrink_of(seen.shear, seen.grid.cells, where).astype(np.float32)
+    image = np.zeros((maps.height, maps.width, 4), np.float32)
+    native = native_planes(seen.shear, replace(seen.grid, cells=smoothing.cells), seen.scale)
+    is_smoothed = (smoothing.sigma > 0).astype(np.uint8)
+    columns = -(-maps.width // _native.TILE_COLUMNS)
 
-    def work(first: int, last: int) -> None:
-        _native.multiplane_render(
-            native,
-            seen.slots,
-            seen.halves,
-            seen.scale,
-            views=views,
-            shrink=shrink,
-            rim=_native.FrontRim(**asdict(rim)),
-            vignetted=options.cats_eye > 0,
-            darken=options.darken,
-            first=first,
-            last=last,
-            image=image,
-        )
+    def render_band(first_row: int, end_row: int, bar: tqdm[Any]) -> None:
+        band = smooth_band(seen, smoothing, farthest, (first_row, end_row), execution)
 
-    tiles = -(-maps.height // _native.TILE_ROWS) * -(-maps.width // _native.TILE_COLUMNS)
-    map_ranges(work, tiles, execution, label="multiplane: render", chunk=4)
+        def work(first: int, last: int) -> None:
+            _native.multiplane_render(
+                native,
+                band.slots,
+                seen.halves,
+                band.halves,
+                is_smoothed,
+                views=views,
+                shrink=shrink,
+                rim=rim,
+                vignetted=options.cats_eye > 0,
+                darken=options.darken,
+                first=first_row * columns + first,
+                last=first_row * columns + last,
+                image=image,
+            )
+
+        map_ranges(work, (end_row - first_row) * columns, execution, bar=bar, chunk=4)
+
+    farthest = farthest_shift(seen.shear, shrink, where)
+    tiles = -(-maps.height // _native.TILE_ROWS) * columns
+    with progress_bar(tiles, "multiplane: render", show=execution.progress, unit="tile") as bar:
+        for first, end in band_rows(seen, smoothing):
+            render_band(first, end, bar)
     return image
 
 
-def shrink_of(shear: Shear, cells: npt.NDArray[np.int32], where: Locations) -> npt.NDArray[np.float64]:
+def shrink_of(
+    slope: npt.NDArray[np.float64], own: npt.NDArray[np.float64], where: Locations
+) -> npt.NDArray[np.float64]:
     """Return by how much each plane's views draw together to make up for the blur of its map, (K,).
 
-    Sharing a ray out among cells convolves with a triangle two cells wide, of the variance 1/6 along each
-    axis; so does interpolation.
+    `own` is the variance of that blur, (K,): `Smoothing.variance`.
     """
     weight = where.weight[:, None].astype(np.float64)
     of_pixel = float((np.square(where.offset, dtype=np.float64) * weight).sum() / 2)
     of_lens = float((np.square(where.uv, dtype=np.float64) * weight).sum() / 2)
-    wanted = of_pixel + np.square(shear.slope) * of_lens
-    own = 1 / (3 * np.square(cells, dtype=np.float64)) + np.square(shear.smoothing)
+    wanted = of_pixel + np.square(slope) * of_lens
     left: npt.NDArray[np.float64] = np.sqrt(np.maximum(1 - own / np.maximum(wanted, 1e-12), _LEAST_SHARE))
     return left

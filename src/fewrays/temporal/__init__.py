@@ -14,18 +14,22 @@ locations see, as published, or at those of the samples themselves (`shading`), 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from fewrays.aperture_options import ApertureOptions
-from fewrays.errors import require_option
+from fewrays.cuda.device import require_machine
+from fewrays.cuda.samples import DeviceSamples
+from fewrays.errors import SampleError, require_option
 from fewrays.method import Method, Reconstruction
 from fewrays.parallel import Execution
 from fewrays.pixel_filter import PixelFilter, PixelFilterShape
 from fewrays.samples import SampleBuffer
-from fewrays.temporal import kernel, reference
+from fewrays.temporal import cuda, kernel, reference
 from fewrays.temporal.locations import make_locations
 from fewrays.temporal.plan import Plan, SurfaceRule
 from fewrays.temporal.refine import correct, sample_mean, smooth_bands
@@ -115,11 +119,24 @@ def _reads_lights(options: TemporalOptions) -> bool:
     return options.light_at == "locations"
 
 
-def _run(samples: SampleBuffer, options: TemporalOptions, execution: Execution) -> Reconstruction:
+_ENGINES: dict[str, Callable[[SampleBuffer, Plan, npt.NDArray[np.float32], Execution], object]] = {
+    "cpu": kernel.reconstruct_tiles,
+    "reference": reference.reconstruct_tiles,
+    "cuda": cuda.reconstruct_tiles,
+}
+
+
+def _run(
+    samples: SampleBuffer | DeviceSamples, options: TemporalOptions, execution: Execution
+) -> Reconstruction:
+    if isinstance(samples, DeviceSamples):
+        # What comes before and after the views is the host's.
+        samples = samples.to_buffer(require_machine())
+    if execution.device == "cuda" and samples.lighting is not None and _reads_lights(options):
+        raise SampleError("'locations' is for the processor; 'samples' works with a GPU as well", field="light_at")
     plan = make_plan(samples, options)
     bands = np.zeros((samples.height, samples.width, len(plan.band_starts), 4), np.float32)
-    engine = reference if execution.device == "reference" else kernel
-    engine.reconstruct_tiles(samples, plan, bands, execution)
+    _ENGINES[execution.device](samples, plan, bands, execution)
     image = smooth_bands(bands, plan.band_starts, options.smoothing * plan.rule.along_lens)
     if options.correction and plan.lighting is None:  # whose shadows would bring their noise back
         aperture, shutter = options.aperture_of(samples.lens), options.open_shutter()
@@ -132,7 +149,7 @@ METHOD = Method(
     name="temporal",
     summary="samples seen from many lens points and times, with visibility resolved at each",
     options=TemporalOptions,
-    devices=("cpu", "reference"),
+    devices=("cpu", "reference", "cuda"),
     run=_run,
     reads_lights=_reads_lights,
 )

@@ -1,0 +1,59 @@
+"""Which engine makes planes and images: the processor's, or that of a GPU, where its planes stay."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from fewrays.cuda.device import pick_device, require_machine
+from fewrays.cuda.samples import DeviceSamples
+from fewrays.lens import Lens
+from fewrays.multiplane.build import BuildOptions, build_maps
+from fewrays.multiplane.cuda.build import build_planes
+from fewrays.multiplane.cuda.planes import DevicePlanes
+from fewrays.multiplane.cuda.render import render_planes
+from fewrays.multiplane.maps import Maps
+from fewrays.multiplane.render import RenderOptions, render_maps
+from fewrays.parallel import Execution
+from fewrays.samples import SampleBuffer
+
+__all__ = ["AnyPlanes", "build", "on_card", "on_host", "render"]
+
+AnyPlanes = Maps | DevicePlanes
+"""Planes in the host's memory, or in a card's."""
+
+_DEVICES = ("cpu", "cuda")
+
+
+def build(samples: SampleBuffer | DeviceSamples, options: BuildOptions, execution: Execution) -> AnyPlanes:
+    """Make planes of samples, where the execution says, or where the samples are."""
+    if isinstance(samples, SampleBuffer):
+        if pick_device(_DEVICES, execution.device) == "cpu":
+            return build_maps(samples, options, execution)
+        samples = DeviceSamples.of_buffer(require_machine(), samples)
+    return build_planes(require_machine(), samples, options)
+
+
+def render(
+    planes: AnyPlanes, lens: Lens | None, options: RenderOptions, execution: Execution
+) -> npt.NDArray[np.float32]:
+    """Make an image (H, W, 3) of planes, where the execution says; ``"auto"`` is where they are."""
+    device = execution.device
+    if device == "auto":
+        device = "cuda" if isinstance(planes, DevicePlanes) else "cpu"
+    if pick_device(_DEVICES, device) == "cpu":
+        return np.ascontiguousarray(render_maps(on_host(planes), lens, options, execution)[..., :3])
+    machine = require_machine()
+    image = render_planes(machine, on_card(planes), lens, options)[..., :3]
+    delivered: npt.NDArray[np.float32] = execution.deliver(machine, machine.xp.ascontiguousarray(image))
+    return delivered
+
+
+def on_host(planes: AnyPlanes) -> Maps:
+    """Return planes in the host's memory, copied if need be."""
+    return planes if isinstance(planes, Maps) else planes.to_maps(require_machine())
+
+
+def on_card(planes: AnyPlanes) -> DevicePlanes:
+    """Return planes in the current card's memory, copied if need be."""
+    return planes if isinstance(planes, DevicePlanes) else DevicePlanes.of_maps(require_machine(), planes)

@@ -1,0 +1,151 @@
+"""On an NVIDIA GPU: the kernels themselves, at sizes of real images, against the CPU's.
+
+The tests of phases hold their arithmetic to the reference; what is left is what only a GPU does: races,
+memory that nobody wrote, streams, and other libraries' arrays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agreement import assert_agree
+from buffers import random_buffer
+from fewrays import Lens, Multiplane, defocus, reconstruct
+from fewrays.cuda.samples import DeviceSamples
+from fewrays.samples import SampleBuffer
+
+pytestmark = pytest.mark.gpu
+
+LENS = Lens(-60.0, 12.0)
+SIZES = [(720, 1280), (333, 517)]
+OTHERS: dict[str, dict[str, Any]] = {"layered": {}, "temporal": {"locations": 4}}
+
+
+@pytest.fixture(autouse=True)
+def poisoned_memory() -> Iterator[None]:
+    """Fill the pool with NaN, so that what is not written shows."""
+    cupy = pytest.importorskip("cupy")
+    cupy.full(1 << 28, np.nan, np.float32)
+    yield
+    cupy.get_default_memory_pool().free_all_blocks()
+
+
+def tone_mapped(image: Any) -> Any:
+    return np.clip(image, 0, 1) ** (1 / 2.2)
+
+
+def assert_like_the_cpu(actual: Any, expected: Any) -> None:
+    """Below 1/255 after tone mapping on 99.9 % of the pixels."""
+    assert_agree(tone_mapped(actual), tone_mapped(expected), tolerance=1 / 255, flips=1e-3)
+
+
+def samples_of(size: tuple[int, int], *, moving: bool = False) -> SampleBuffer:
+    samples = random_buffer(*size, 8, LENS, surfaces=20)
+    if not moving:
+        return samples
+    fields = {name: getattr(samples, name) for name in samples.field_names()}
+    rng = np.random.default_rng(1)
+    surface = np.round(np.log(samples.depth) * 5).astype(int)
+    velocity = rng.normal(0.0, 6.0, (int(np.ptp(surface)) + 1, 3)) * [1, 1, 0]
+    motion = velocity[surface - surface.min()] * samples.depth[..., None]
+    return SampleBuffer(**fields, lens=LENS, time=rng.random(samples.depth.shape), motion=motion)
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("moving", [False, True])
+def test_multiplane(size: tuple[int, int], moving: bool) -> None:
+    samples = samples_of(size, moving=moving)
+    image = reconstruct(samples, device="cuda", views=64)
+    assert_like_the_cpu(image, reconstruct(samples, device="cpu", views=64))
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("moving", [False, True])
+def test_temporal(size: tuple[int, int], moving: bool) -> None:
+    samples = samples_of(size, moving=moving)
+    image = reconstruct(samples, "temporal", device="cuda", locations=8)
+    assert_like_the_cpu(image, reconstruct(samples, "temporal", device="cpu", locations=8))
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_layered(size: tuple[int, int]) -> None:
+    """The processor's kernels take layers' slopes from the samples around each tile: more pixels differ."""
+    samples = samples_of(size)
+    image = reconstruct(samples, "layered", device="cuda")
+    expected = reconstruct(samples, "layered", device="cpu", tile=256)
+    assert_agree(tone_mapped(image), tone_mapped(expected), tolerance=1 / 255, flips=0.05, jump=0.2)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_dynamic(size: tuple[int, int]) -> None:
+    rng = np.random.default_rng(2)
+    color = rng.random((*size, 3))
+    depth = np.repeat(np.repeat(rng.uniform(2, 30, (size[0] // 9 + 1, size[1] // 9 + 1)), 9, 0), 9, 1)
+    depth = depth[: size[0], : size[1]]
+    image = defocus(color, depth, LENS, device="cuda")
+    assert_like_the_cpu(image, defocus(color, depth, LENS, device="cpu"))
+
+
+def test_repeats_are_the_same_bit_by_bit() -> None:
+    samples = samples_of((360, 640))
+    first = Multiplane.build(samples, device="cuda")
+    image = first.render()
+    rng = np.random.default_rng(3)
+    color, depth = rng.random((360, 640, 3)), rng.uniform(2, 30, (360, 640))
+    blurred = defocus(color, depth, LENS, device="cuda")
+    others = {name: reconstruct(samples, name, device="cuda", **given) for name, given in OTHERS.items()}
+    for _ in range(10):
+        for name, given in OTHERS.items():
+            np.testing.assert_array_equal(reconstruct(samples, name, device="cuda", **given), others[name])
+        again = Multiplane.build(samples, device="cuda")
+        np.testing.assert_array_equal(again.maps.halves, first.maps.halves)
+        np.testing.assert_array_equal(again.render(), image)
+        np.testing.assert_array_equal(defocus(color, depth, LENS, device="cuda"), blurred)
+
+
+def test_a_sequence_allocates_once() -> None:
+    cupy = pytest.importorskip("cupy")
+    planes = Multiplane.build(samples_of((360, 640)), device="cuda")
+    planes.render(output="device")
+    pool = cupy.get_default_memory_pool()
+    taken = pool.total_bytes()
+    for distance in np.linspace(3.0, 8.0, 10):
+        planes.render(planes.lens.refocus(float(distance)), output="device", smoothing=0.0)
+    assert pool.total_bytes() == taken
+
+
+def test_images_are_made_on_the_current_stream() -> None:
+    cupy = pytest.importorskip("cupy")
+    planes = Multiplane.build(samples_of((360, 640)), device="cuda")
+    expected = planes.render()
+    cupy.cuda.Device().synchronize()
+    with cupy.cuda.Stream(non_blocking=True) as stream:
+        image = planes.render(output="device")
+        stream.synchronize()
+    np.testing.assert_array_equal(cupy.asnumpy(image), expected)
+
+
+def test_arrays_on_the_card_are_not_copied() -> None:
+    cupy = pytest.importorskip("cupy")
+    samples = samples_of((40, 60))
+    arrays = {name: cupy.asarray(getattr(samples, name)) for name in ("xy", "uv", "depth", "color")}
+    taken = DeviceSamples.of_arrays(**arrays, lens=LENS)
+    for name, array in arrays.items():
+        assert getattr(taken, name).data.ptr == array.data.ptr
+    expected = reconstruct(samples, device="cuda", views=16)
+    np.testing.assert_array_equal(reconstruct(taken, views=16), expected)
+    assert isinstance(reconstruct(taken, views=16, output="device"), cupy.ndarray)
+
+
+def test_tensors_of_pytorch_are_not_copied() -> None:
+    torch = pytest.importorskip("torch")
+    samples = samples_of((40, 60))
+    names = ("xy", "uv", "depth", "color")
+    arrays = {name: torch.from_numpy(getattr(samples, name)).cuda() for name in names}
+    taken = DeviceSamples.of_arrays(**arrays, lens=LENS)
+    for name, array in arrays.items():
+        assert getattr(taken, name).data.ptr == array.data_ptr()
