@@ -263,7 +263,7 @@ def test_shapes_of_files_need_no_names(mi: ModuleType, tmp_path: Path) -> None:
         f'value="4"/></transform></shape>{shapes}</scene>'
     )
     samples, lighting = trace(path)
-    lights = {light.light.shape: light for light in lighting.lights}
+    lights: dict[str, Any] = {light.light.shape: light for light in lighting.lights}
     assert set(lights) == {"rectangle", "disc"}
     for shape, radiance in (("rectangle", 1.0), ("disc", 3.0)):
         light = lights[shape]

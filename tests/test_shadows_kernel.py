@@ -227,6 +227,16 @@ class TestAgainstTheReference:
         actual, expected = both(replace(samples, motion=motion))
         assert_twins(actual, expected)
 
+    @pytest.mark.parametrize("seed", [0, 1])
+    def test_light_far_off_in_the_dark(self, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+        samples = lit_buffer((6, 6, 1), lights=(SQUARE,), moving=False, blocked=0.95, seed=seed)
+        samples = with_lights(samples, unlit=0)
+        actual, expected = both_shaded(samples, light_points=8, radius_scale=0.25)
+        assert_twins(actual, expected)
+        monkeypatch.setattr(shadows, "_WIDEST", 8.0)
+        _, nearer = both_shaded(samples, light_points=8, radius_scale=0.25)
+        assert np.abs(nearer - expected).max() > 1e-3 * expected.max()
+
     @settings(max_examples=15)
     @given(
         height=st.integers(1, 4),

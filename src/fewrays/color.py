@@ -52,12 +52,12 @@ def srgb_decode(display: npt.ArrayLike) -> npt.NDArray[np.float32]:
     return light.astype(np.float32, copy=False)
 
 
-def gamma_encode(linear: npt.NDArray[np.float64], gamma: float = 2.2) -> npt.NDArray[np.float64]:
+def gamma_encode(linear: npt.ArrayLike, gamma: float = 2.2) -> npt.NDArray[np.float64]:
     """Clip linear light to ``[0, 1]`` and raise it to ``1 / gamma``.
 
     Parameters
     ----------
-    linear : ndarray
+    linear : array_like
         Linear light, 1 = display white, any shape.
     gamma : float
         2.2 for the project's error figures.

@@ -90,6 +90,10 @@ class Preparation:
     load: Callable[[Path], Prepared]
 
 
+def _reads_none(_options: Any) -> bool:
+    return False
+
+
 @dataclass(frozen=True)
 class Method:
     """A reconstruction method.
@@ -121,4 +125,4 @@ class Method:
     devices: tuple[str, ...]
     run: Callable[[Any, Any, Execution], Reconstruction]
     preparation: Preparation | None = None
-    reads_lights: Callable[[Any], bool] = lambda options: False
+    reads_lights: Callable[[Any], bool] = _reads_none

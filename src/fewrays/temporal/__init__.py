@@ -133,7 +133,9 @@ def _run(
         # What comes before and after the views is the host's.
         samples = samples.to_buffer(require_machine())
     if execution.device == "cuda" and samples.lighting is not None and _reads_lights(options):
-        raise SampleError("'locations' is for the processor; 'samples' works with a GPU as well", field="light_at")
+        raise SampleError(
+            "'locations' is for the processor; 'samples' works with a GPU as well", field="light_at"
+        )
     plan = make_plan(samples, options)
     bands = np.zeros((samples.height, samples.width, len(plan.band_starts), 4), np.float32)
     _ENGINES[execution.device](samples, plan, bands, execution)

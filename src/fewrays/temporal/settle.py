@@ -71,4 +71,5 @@ def _shares(samples: SampleBuffer, lighting: Lighting) -> Float32:
     for number in range(len(lighting.lights)):
         light += lighting.direct(samples, number, occluded=False).sum(axis=-1)
     mean = light.mean(axis=2, keepdims=True)
-    return np.divide(light, mean, out=np.zeros_like(light), where=mean > 0)[..., None]
+    share: Float32 = np.divide(light, mean, out=np.zeros_like(light), where=mean > 0)
+    return share[..., None]
