@@ -123,7 +123,7 @@ void bind_temporal(nb::module_& m) {
              "half_size"_a, "distance"_a, "motion"_a, "area"_a);
     m.def(
         "shade_tiles",
-        [](const LightField& field, const Lights& lights, int tile, int share, int step, Array<const float, -1> times,
+        [](const LightField& field, const Lights& lights, int tile, int share, Array<const float, -1> times,
            Array<const std::int32_t, -1> first_view, int first, int last, Array<float, -1, -1, -1, 3> radiance) {
             const ShadingPlan plan{static_cast<int>(radiance.shape(0)),
                                    static_cast<int>(radiance.shape(1)),
@@ -131,13 +131,12 @@ void bind_temporal(nb::module_& m) {
                                    tile,
                                    static_cast<int>(times.shape(0)),
                                    share,
-                                   step,
                                    times.data(),
                                    first_view.data()};
             shade_tiles(field, lights.plan, plan, first, last, radiance.data());
         },
-        "field"_a, "lights"_a, "tile"_a, "share"_a, "step"_a, "times"_a, "first_view"_a, "first"_a, "last"_a,
-        "radiance"_a, nb::call_guard<nb::gil_scoped_release>());
+        "field"_a, "lights"_a, "tile"_a, "share"_a, "times"_a, "first_view"_a, "first"_a, "last"_a, "radiance"_a,
+        nb::call_guard<nb::gil_scoped_release>());
     m.def(
         "temporal_tiles",
         [](const SampleTree& tree, const SurfaceRule& rule, Array<const float, -1, 6> views, int tile,

@@ -174,7 +174,7 @@ void shade_tiles(const LightField& field, const LitPlan& lit, const ShadingPlan&
                     for (int number = 0; number < plan.spp; ++number) {
                         const std::ptrdiff_t sample = (std::ptrdiff_t{row} * plan.width + column) * plan.spp + number;
                         const int place = view - plan.first_view[sample];
-                        if (place < 0 || place % plan.step != 0 || place / plan.step >= plan.share) continue;
+                        if (place < 0 || place >= plan.share) continue;
                         lighting.see(sample, view, plan.times[view], weight, radiance + 3 * sample);
                     }
             lighting.light(view, plan.times[view]);

@@ -65,11 +65,11 @@ private:
     Vector facing_{};         // of the surface at hand
 };
 
-// How camera samples are shaded one by one: each by `share` of the views, from one on at steps.
+// How camera samples are shaded one by one: each by `share` of the views, one after the other.
 struct ShadingPlan {
     int height, width, spp;
     int tile;  // side of a tile of the image, in pixels
-    int view_count, share, step;
+    int view_count, share;
     const float* times;              // (view_count)
     const std::int32_t* first_view;  // (N)
 };

@@ -1,5 +1,5 @@
 // Points, planes and a flat light in camera space: section 5 of Lehtinen et al. 2011, the twin of
-// src/fewrays/temporal/receivers.py.
+// src/fewrays/temporal/shadows.py.
 #pragma once
 
 #include <cmath>

@@ -6,8 +6,8 @@ method can take that: those that know nothing of lights as well, and those that 
 The points need no reconstruction then, and cost the same: the samples of a pixel share the light points that
 its locations would have had.
 
-Where nothing moves, each sample gets every so many of the light points, and the samples of a pixel get all
-between them. Where something moves, light points have times, and a sample gets those of about its own time:
+Where nothing moves, each sample gets a run of the light points, and the samples of a pixel get all between
+them. Where something moves, light points have times, and a sample gets those of about its own time:
 its point is followed to each of them, so that light and point are never of different times.
 """
 
@@ -91,14 +91,14 @@ def shade(
     if lighting is None:
         raise SampleError("these samples come without area lights: take them as they are", field="lighting")
     share = max(1, light_points // samples.spp)
-    times, first_view, step = _views(samples, share)
+    times, first_view = _views(samples, share)
     rule = SurfaceRule.for_samples(samples, light_points, radius_scale=radius_scale, tent_scale=1)
     execution = Execution(device, threads, progress)
     if device == "reference":
-        views = first_view[:, None] + step * np.arange(share)
+        views = first_view[:, None] + np.arange(share)
         color = shade_samples(samples, lighting, rule, times, views, execution)
     else:
-        color = _shade_tiles(samples, lighting, rule, times, (first_view, share, step), execution)
+        color = _shade_tiles(samples, lighting, rule, times, (first_view, share), execution)
     if correction:
         color = settle(samples, lighting, color, correction)
     return replace(samples, color=color, lighting=None)
@@ -109,25 +109,25 @@ def _shade_tiles(
     lighting: Lighting,
     rule: SurfaceRule,
     times: Float32,
-    views: tuple[Int32, int, int],
+    views: tuple[Int32, int],
     execution: Execution,
 ) -> Float32:
     """Return what `shade_samples` does, from native code; `views` is what `_views` says, with the share."""
     field = view_light_field(samples)
     lights = native_lights(samples, lighting, rule, len(times))
-    first_view, share, step = views
+    first_view, share = views
     color = np.zeros_like(samples.color)
     tiling = Tiling(height=samples.height, width=samples.width, tile=_TILE)
 
     def tiles(first: int, last: int) -> None:
-        _native.shade_tiles(field, lights, _TILE, share, step, times, first_view, first, last, color)
+        _native.shade_tiles(field, lights, _TILE, share, times, first_view, first, last, color)
 
     map_ranges(tiles, tiling.tile_count, execution, label="light", chunk=1)
     return color
 
 
-def _views(samples: SampleBuffer, share: int) -> tuple[Float32, Int32, int]:
-    """Return the views' times, and the first of its `share` views for each sample, with the step to the next.
+def _views(samples: SampleBuffer, share: int) -> tuple[Float32, Int32]:
+    """Return the views' times, and the first of its `share` views for each sample; the others follow.
 
     The samples of a pixel are told apart by where they are, so that their order means nothing.
     """
@@ -137,9 +137,8 @@ def _views(samples: SampleBuffer, share: int) -> tuple[Float32, Int32, int]:
         count = share * _WINDOWS
         times = ((np.arange(count) + 0.5) / count).astype(np.float32)
         first = np.clip(np.searchsorted(times, samples.time) - share // 2, 0, count - share)
-        return times, first.reshape(-1).astype(np.int32), 1
-    step = samples.spp
+        return times, first.reshape(-1).astype(np.int32)
     rank = samples.xy[..., 0].argsort(axis=-1, kind="stable").argsort(axis=-1, kind="stable")
     rows, columns = np.ogrid[: samples.height, : samples.width]
-    first = (rank + (columns + 2 * rows)[..., None]) % step
-    return np.zeros(share * step, np.float32), first.reshape(-1).astype(np.int32), step
+    first = share * ((rank + (columns + 2 * rows)[..., None]) % samples.spp)
+    return np.zeros(share * samples.spp, np.float32), first.reshape(-1).astype(np.int32)
