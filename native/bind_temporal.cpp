@@ -35,7 +35,7 @@ struct Lights {
     // The frame's rows: centre, axes u and v, normal.
     void add(const SampleTree& tree, Array<const float, -1, 3> reflectance, Array<const std::uint8_t, -1> arrives,
              Array<const float, -1, 2> points, Array<const float, 4, 3> frame, Array<const float, 2> half_size,
-             float distance, Array<const float, 3> motion, float area) {
+             float distance, Array<const float, 3> motion, std::optional<Array<const float, 3>> radiance, float area) {
         const float* const f = frame.data();
         const float* const half = half_size.data();
         plan.lamps.push_back(
@@ -46,6 +46,7 @@ struct Lights {
              points.data(),
              {vector_of(f), vector_of(f + 3), vector_of(f + 6), vector_of(f + 9), half[0], half[1], distance},
              vector_of(motion.data()),
+             radiance ? radiance->data() : nullptr,
              area});
     }
 };
@@ -119,8 +120,8 @@ void bind_temporal(nb::module_& m) {
              nb::keep_alive<1, 4>(), nb::keep_alive<1, 5>(), nb::keep_alive<1, 6>(), nb::kw_only(), "projection"_a,
              "rule"_a, "unlit"_a, "normal"_a, "facing"_a)
         .def("add", &Lights::add, nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>(),
-             nb::keep_alive<1, 5>(), nb::kw_only(), "tree"_a, "reflectance"_a, "arrives"_a, "points"_a, "frame"_a,
-             "half_size"_a, "distance"_a, "motion"_a, "area"_a);
+             nb::keep_alive<1, 5>(), nb::keep_alive<1, 10>(), nb::kw_only(), "tree"_a, "reflectance"_a, "arrives"_a,
+             "points"_a, "frame"_a, "half_size"_a, "distance"_a, "motion"_a, "radiance"_a.none(), "area"_a);
     m.def(
         "shade_tiles",
         [](const LightField& field, const Lights& lights, int tile, int share, Array<const float, -1> times,

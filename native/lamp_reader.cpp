@@ -61,6 +61,18 @@ FEWRAYS_CLONES Glimpse glimpse_of(const Sights& sights, const SightRow* rows, in
 
 }  // namespace
 
+TangentPlane tangent_plane(const LightFrame& frame, Vector light_point, const Receiver& to) {
+    TangentPlane plane{};
+    plane.unit = frame.unit();
+    plane.start = dot(to.facing, light_point - to.point);
+    plane.step = dot(to.facing, Vector{to.at.x, to.at.y, frame.distance} - light_point);
+    plane.across_x = to.facing.x;
+    plane.across_y = to.facing.y;
+    plane.precision = to.precision;
+    plane.roughness = roughness * to.point.z / frame.distance;
+    return plane;
+}
+
 void LampReader::fill(const Box& places, float most_spacing, int view, float time) {
     frame_ = lamp_.frame_at(time);
     light_point_ = lamp_.light_point(view);
@@ -85,24 +97,12 @@ bool LampReader::blocks(const Receiver& to, std::ptrdiff_t number, float share, 
     return side * dot(facing, to.point - hit) < -to.precision;
 }
 
-TangentPlane LampReader::plane_of(const Receiver& to) const {
-    TangentPlane plane{};
-    plane.unit = frame_.unit();
-    plane.start = dot(to.facing, light_point_ - to.point);
-    plane.step = dot(to.facing, towards(to, 0, 0));
-    plane.across_x = to.facing.x;
-    plane.across_y = to.facing.y;
-    plane.precision = to.precision;
-    plane.roughness = roughness * to.point.z / frame_.distance;
-    return plane;
-}
-
 // Makes a crowd of the samples within `spread` times R that stop light, and averages the radiance of the others within
 // R, or of those farther off if there are none.
 LampReader::Sorted LampReader::sort_out(const Sights& sights, const SightRow* rows, int row_count, PlanePosition at,
                                         const Receiver& to, float spread, float* radiance) {
     find_near(sights, rows, row_count, at, to, spread * rule_.radius);
-    const TangentPlane front = plane_of(to);
+    const TangentPlane front = tangent_plane(frame_, light_point_, to);
     Crowd& crowd = surfaces_.crowd();
     crowd.begin(sights, static_cast<int>(near_.size()));
     Sorted result{};
@@ -158,7 +158,8 @@ void LampReader::read(const Receiver& receiver, float* radiance) {
     const auto rows_within = [&](float radius) {
         return grid_.rows_around(receiver.at.x, receiver.at.y, radius, rows);
     };
-    const Glimpse glimpse = glimpse_of(sights, rows, rows_within(near), receiver, rule_, plane_of(receiver));
+    const Glimpse glimpse =
+        glimpse_of(sights, rows, rows_within(near), receiver, rule_, tangent_plane(frame_, light_point_, receiver));
     if (glimpse.in_front == 0 && glimpse.weight > 0) {
         radiance[0] = glimpse.red / glimpse.weight;
         radiance[1] = glimpse.green / glimpse.weight;

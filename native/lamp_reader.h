@@ -20,6 +20,7 @@ struct Lamp {
     const float* points;          // (views, 2): light points in units of the frame, one for each view
     LightFrame frame;             // as the shutter opens
     Vector motion;                // of the light until it closes, in camera space
+    const float* radiance;        // (3) of the whole light; null if it differs from place to place
     float area;
 
     LightFrame frame_at(float time) const {
@@ -32,6 +33,8 @@ struct Lamp {
     }
 };
 
+constexpr float rounding = 2e-5f;  // of the distances that a point's place is made of
+
 // A point that may be lit, in light space.
 struct Receiver {
     Vector point, facing;  // facing is the normal of its tangent plane towards the light
@@ -39,6 +42,9 @@ struct Receiver {
     float spacing;         // of light samples around it
     float precision;       // distance that rounding may move points by
 };
+
+// Of a receiver, as a light point in light space sees it.
+TangentPlane tangent_plane(const LightFrame& frame, Vector light_point, const Receiver& to);
 
 class LampReader {
 public:
@@ -70,7 +76,6 @@ private:
                     float spread, float* radiance);
     void find_near(const Sights& sights, const SightRow* rows, int row_count, PlanePosition at, const Receiver& to,
                    float radius);
-    TangentPlane plane_of(const Receiver& to) const;
     bool blocks(const Receiver& to, std::ptrdiff_t number, float share, float dx, float dy) const;
     Vector towards(const Receiver& to, float dx, float dy) const;
 

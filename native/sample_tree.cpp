@@ -55,6 +55,10 @@ void times_in_front(const Path& path, float& opens, float& closes) {
 TreeNode bounds_of(const Path& path, float c1) {
     TreeNode node{};
     times_in_front(path, node.opens, node.closes);
+    const float slope0 = sight_of(path, 0, 0, node.opens, c1).slope,
+                slope1 = sight_of(path, 0, 0, node.closes, c1).slope;
+    node.nearest = std::min(slope0, slope1);
+    node.farthest = std::max(slope0, slope1);
     const float root0 = std::sqrt(std::max(depth_at(path, node.opens), 0.0f));
     const float root1 = std::sqrt(std::max(depth_at(path, node.closes), 0.0f));
     const float bend = (root1 - root0) / (root1 + root0);
@@ -86,6 +90,8 @@ TreeNode merged(const TreeNode& one, const TreeNode& other) {
     TreeNode node{};
     node.opens = std::min(one.opens, other.opens);
     node.closes = std::max(one.closes, other.closes);
+    node.nearest = std::min(one.nearest, other.nearest);
+    node.farthest = std::max(one.farthest, other.farthest);
     node.left = merged(one.left, other.left, node.opens, node.closes, 1.0f);
     node.right = merged(one.right, other.right, node.opens, node.closes, -1.0f);
     node.top = merged(one.top, other.top, node.opens, node.closes, 1.0f);

@@ -50,6 +50,7 @@ struct Plane {
 // A group of samples, between planes wherever on the lens they are seen from and whenever (Eq. 6).
 struct TreeNode {
     Plane left, right, top, bottom;
+    float nearest, farthest;     // slopes
     float opens, closes;         // the times at which any of the samples can be seen
     std::int32_t first, second;  // children; of a leaf the first sample as ~first, and the end
 
@@ -90,6 +91,26 @@ public:
                 stack.push_back(node.first);
             }
         }
+    }
+
+    // Whether any(samples, count) holds for any leaf; what lies within nodes for which may(node) does not hold is
+    // passed over.
+    template <typename May, typename Any>
+    bool any(May&& may, Any&& any_of) const {
+        std::vector<std::int32_t> stack;
+        if (!nodes_.empty()) stack.push_back(static_cast<std::int32_t>(nodes_.size()) - 1);
+        while (!stack.empty()) {
+            const TreeNode& node = nodes_[stack.back()];
+            stack.pop_back();
+            if (!may(node)) continue;
+            if (node.leaf()) {
+                if (any_of(order_.data() + ~node.first, node.second - ~node.first)) return true;
+            } else {
+                stack.push_back(node.second);
+                stack.push_back(node.first);
+            }
+        }
+        return false;
     }
 
     const LightField& field() const { return field_; }

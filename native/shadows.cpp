@@ -7,11 +7,10 @@
 namespace fewrays {
 namespace {
 
-constexpr float rounding = 2e-5f;  // of the distances that a point's place is made of
-constexpr float grazing = 1e-3f;   // cosine at the lamp below which its light does not matter
-constexpr float most_ratio = 2;    // of spacings that share a grid of light samples
-constexpr float grid_border = 6;   // cells of a grid around its receivers, of the side R
-constexpr float spare_cells = 2;   // that a grid may have for each of its receivers, and of its border's
+constexpr float grazing = 1e-3f;  // cosine at the lamp below which its light does not matter
+constexpr float most_ratio = 2;   // of spacings that share a grid of light samples
+constexpr float grid_border = 6;  // cells of a grid around its receivers, of the side R
+constexpr float spare_cells = 2;  // that a grid may have for each of its receivers, and of its border's
 
 Vector vector_at(const float* values, std::ptrdiff_t i) {
     return {values[3 * i], values[3 * i + 1], values[3 * i + 2]};
@@ -19,9 +18,12 @@ Vector vector_at(const float* values, std::ptrdiff_t i) {
 
 }  // namespace
 
-Relighting::Relighting(const LightField& field, const LitPlan& plan)
+Relighting::Relighting(const LightField& field, const LitPlan& plan, int view_count)
     : field_(field), plan_(plan), lit_(plan.lamps.size()) {
-    for (const Lamp& lamp : plan.lamps) readers_.emplace_back(lamp, plan.rule);
+    for (const Lamp& lamp : plan.lamps) {
+        readers_.emplace_back(lamp, plan.rule);
+        full_.emplace_back(lamp, plan.rule, view_count);
+    }
 }
 
 void Relighting::clear() {
@@ -74,18 +76,28 @@ void Relighting::see(const ViewReader& camera, const Location& location, int vie
     }
     for (int channel = 0; channel < 3; ++channel) sums[channel] += weight * unlit[channel] / total;
     for (std::size_t lamp = 0; lamp < plan_.lamps.size(); ++lamp)
-        add_receiver(lamp, point, view, location.time, weight / total, sums);
+        add_receiver(lamp, point, view, location.time, weight / total, false, sums);
 }
 
-void Relighting::see(std::ptrdiff_t sample, int view, float time, float weight, float* sums) {
+void Relighting::see(std::ptrdiff_t sample, int view, float time, float weight, std::uint64_t full, float* sums) {
     seen_.assign(1, {sample, 1.0f});
     facing_ = vector_at(plan_.facing, sample);
     for (int channel = 0; channel < 3; ++channel) sums[channel] += weight * plan_.unlit[3 * sample + channel];
     for (std::size_t lamp = 0; lamp < plan_.lamps.size(); ++lamp)
-        add_receiver(lamp, point_of(sample, time), view, time, weight, sums);
+        add_receiver(lamp, point_of(sample, time), view, time, weight, full >> lamp & 1, sums);
 }
 
-void Relighting::add_receiver(std::size_t number, Vector point, int view, float time, float weight, float* sums) {
+std::uint64_t Relighting::full_light(std::ptrdiff_t sample, float first_time, float last_time) const {
+    std::uint64_t full = 0;
+    const Vector point = point_of(sample, first_time);
+    for (std::size_t lamp = 0; lamp < full_.size(); ++lamp)
+        if (full_[lamp].shines_on(sample, point, vector_at(plan_.facing, sample), first_time, last_time))
+            full |= std::uint64_t{1} << lamp;
+    return full;
+}
+
+void Relighting::add_receiver(std::size_t number, Vector point, int view, float time, float weight, bool full,
+                              float* sums) {
     const Lamp& lamp = plan_.lamps[number];
     const LightFrame frame = lamp.frame_at(time);
     const Vector light_point = lamp.light_point(view), to_light = frame.leave(light_point) - point;
@@ -107,6 +119,10 @@ void Relighting::add_receiver(std::size_t number, Vector point, int view, float 
     const float factor = weight * lamp.area * cosine / (distance * distance);
     for (float& gain : lit.gain) gain *= factor;
     if (lit.gain[0] == 0 && lit.gain[1] == 0 && lit.gain[2] == 0) return;
+    if (full) {
+        for (int channel = 0; channel < 3; ++channel) sums[channel] += lit.gain[channel] * lamp.radiance[channel];
+        return;
+    }
     const Vector facing = frame.turn(dot(facing_, to_light) >= 0 ? facing_ : -1.0f * facing_);
     lit.receiver = {local, facing, on_second_plane(frame, light_point, local), spacing / sum_of_weights,
                     rounding * (distance + length(point) + length(frame.center))};
@@ -162,20 +178,31 @@ void Relighting::light_group(LampReader& reader, Lit* first, Lit* last, int view
 
 void shade_tiles(const LightField& field, const LitPlan& lit, const ShadingPlan& plan, int first, int last,
                  float* radiance) {
-    Relighting lighting(field, lit);
+    Relighting lighting(field, lit, plan.view_count);
     const int columns = (plan.width + plan.tile - 1) / plan.tile;
     const float weight = 1.0f / static_cast<float>(plan.share);
+    std::vector<std::uint64_t> full;  // of the tile's samples
     for (int tile = first; tile < last; ++tile) {
         const int top = tile / columns * plan.tile, left = tile % columns * plan.tile;
         lighting.clear();
+        full.clear();
+        for (int row = top; row < std::min(top + plan.tile, plan.height); ++row)
+            for (int column = left; column < std::min(left + plan.tile, plan.width); ++column)
+                for (int number = 0; number < plan.spp; ++number) {
+                    const std::ptrdiff_t sample = (std::ptrdiff_t{row} * plan.width + column) * plan.spp + number;
+                    const std::int32_t view = plan.first_view[sample];
+                    full.push_back(lighting.full_light(sample, plan.times[view], plan.times[view + plan.share - 1]));
+                }
         for (int view = 0; view < plan.view_count; ++view) {
+            const std::uint64_t* next = full.data();
             for (int row = top; row < std::min(top + plan.tile, plan.height); ++row)
                 for (int column = left; column < std::min(left + plan.tile, plan.width); ++column)
                     for (int number = 0; number < plan.spp; ++number) {
                         const std::ptrdiff_t sample = (std::ptrdiff_t{row} * plan.width + column) * plan.spp + number;
+                        const std::uint64_t lit_by = *next++;
                         const int place = view - plan.first_view[sample];
                         if (place < 0 || place >= plan.share) continue;
-                        lighting.see(sample, view, plan.times[view], weight, radiance + 3 * sample);
+                        lighting.see(sample, view, plan.times[view], weight, lit_by, radiance + 3 * sample);
                     }
             lighting.light(view, plan.times[view]);
         }

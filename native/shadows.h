@@ -6,6 +6,7 @@
 #include <deque>
 #include <vector>
 
+#include "full_light.h"
 #include "lamp_reader.h"
 #include "view_reader.h"
 
@@ -24,7 +25,7 @@ struct LitPlan {
 // Adds light to the locations of one part of the image, view by view.
 class Relighting {
 public:
-    Relighting(const LightField& field, const LitPlan& plan);
+    Relighting(const LightField& field, const LitPlan& plan, int view_count);
 
     // Forgets the copies of samples made for an earlier part of the image.
     void clear();
@@ -33,8 +34,12 @@ public:
     // times in `sums` (3). What is not the lamps' light is added at once.
     void see(const ViewReader& camera, const Location& location, int view, float weight, float* sums);
 
-    // Takes note of a camera sample's own point, as it is at a time, in the same way.
-    void see(std::ptrdiff_t sample, int view, float time, float weight, float* sums);
+    // Takes note of a camera sample's own point, as it is at a time, in the same way. Lamps of whose light it gets all
+    // are told by a bit each.
+    void see(std::ptrdiff_t sample, int view, float time, float weight, std::uint64_t full, float* sums);
+
+    // Which lamps shine on a camera sample's own point with all of their light points between two times: a bit each.
+    std::uint64_t full_light(std::ptrdiff_t sample, float first_time, float last_time) const;
 
     // Adds the lamps' light for all points of a view that were seen.
     void light(int view, float time);
@@ -54,12 +59,13 @@ private:
     float depth_of(std::ptrdiff_t number, float time) const;
     Vector point_of(std::ptrdiff_t number, float time) const;
     Vector surface_point(const ViewReader& camera, const Location& location);
-    void add_receiver(std::size_t lamp, Vector point, int view, float time, float weight, float* sums);
+    void add_receiver(std::size_t lamp, Vector point, int view, float time, float weight, bool full, float* sums);
     void light_group(LampReader& reader, Lit* first, Lit* last, int view, float time) const;
 
     const LightField& field_;
     const LitPlan& plan_;
     std::deque<LampReader> readers_;  // of each lamp
+    std::vector<FullLight> full_;
     std::vector<std::vector<Lit>> lit_;
     std::vector<Seen> seen_;  // the samples of the location at hand
     Vector facing_{};         // of the surface at hand

@@ -44,6 +44,8 @@ FEWRAYS_HD inline Path path_of(float x, float y, float u, float v, float depth, 
     return {center_x - time * dx, center_y - time * dy, 1.0f - time * dw, dx, dy, dw, own_c0};
 }
 
+FEWRAYS_HD inline bool still(const Path& path) { return path.dx == 0 && path.dy == 0 && path.dw == 0; }
+
 FEWRAYS_HD inline float depth_at(const Path& path, float time) { return path.w + time * path.dw; }
 
 // For a positive depth at that time.

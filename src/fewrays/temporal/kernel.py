@@ -119,6 +119,7 @@ def native_lights(samples: SampleBuffer, lighting: Lighting, rule: SurfaceRule, 
             half_size=light.half_size.astype(np.float32),
             distance=light.plane_distance,
             motion=np.array(light.motion, np.float32),
+            radiance=lamp.uniform_radiance,
             area=light.area,
         )
     return lights

@@ -64,6 +64,12 @@ class Lamp:
         """World units that a lens unit stands for."""
         return float(self.light.half_size.max())
 
+    @property
+    def uniform_radiance(self) -> Float32 | None:
+        """Radiance ``(3,)`` of all light samples, if it is the same."""
+        radiance = self.field.color.reshape(-1, 3)[self.density > 0]
+        return radiance[0].copy() if (radiance == radiance[0]).all() else None
+
     def points(self, count: int) -> Float64:
         """Return well spread light points, one for each of `count` views, ``(count, 2)`` in lens units.
 

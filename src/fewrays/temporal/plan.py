@@ -27,7 +27,7 @@ WIDEST = 8.0
 
 
 _OVERHANG = 0.11  # in units of R: silhouettes neither grow nor shrink
-_LIGHT_OVERHANG = 0.5  # times that: shadows neither grow nor shrink
+_LIGHT_OVERHANG = 0.75  # times that: shadows neither grow nor shrink
 
 
 @dataclass(frozen=True)
