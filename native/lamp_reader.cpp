@@ -23,8 +23,9 @@ struct Glimpse {
     float weight, red, green, blue;
 };
 
-FEWRAYS_CLONES Glimpse glimpse_of(const Sights& sights, const SightRow* rows, int row_count, const Receiver& to,
-                                  const SurfaceRule& rule, const TangentPlane& front) {
+template <bool colored>
+FEWRAYS_INLINE Glimpse look_around(const Sights& sights, const SightRow* rows, int row_count, const Receiver& to,
+                                   const SurfaceRule& rule, const TangentPlane& front) {
     float sums[4][lanes] = {};
     std::int32_t in_front[lanes] = {};
     const float at_x = to.at.x, at_y = to.at.y, spacing = to.spacing, radius = rule.radius, tent = rule.tent;
@@ -43,6 +44,7 @@ FEWRAYS_CLONES Glimpse glimpse_of(const Sights& sights, const SightRow* rows, in
                 const float under = 1.0f - away / (tent * reach);
                 const float weight = near & !blocks & (under > 0.0f) ? under : 0.0f;
                 sums[0][lane] += weight;
+                if constexpr (!colored) continue;
                 sums[1][lane] += weight * sights.red[first + lane];
                 sums[2][lane] += weight * sights.green[first + lane];
                 sums[3][lane] += weight * sights.blue[first + lane];
@@ -57,6 +59,15 @@ FEWRAYS_CLONES Glimpse glimpse_of(const Sights& sights, const SightRow* rows, in
         glimpse.blue += sums[3][lane];
     }
     return glimpse;
+}
+
+FEWRAYS_CLONES Glimpse glimpse_in_color(const Sights& sights, const SightRow* rows, int row_count, const Receiver& to,
+                                        const SurfaceRule& rule, const TangentPlane& front) {
+    return look_around<true>(sights, rows, row_count, to, rule, front);
+}
+FEWRAYS_CLONES Glimpse glimpse_of_weight(const Sights& sights, const SightRow* rows, int row_count, const Receiver& to,
+                                         const SurfaceRule& rule, const TangentPlane& front) {
+    return look_around<false>(sights, rows, row_count, to, rule, front);
 }
 
 }  // namespace
@@ -98,7 +109,7 @@ bool LampReader::blocks(const Receiver& to, std::ptrdiff_t number, float share, 
 }
 
 // Makes a crowd of the samples within `spread` times R that stop light, and averages the radiance of the others within
-// R, or of those farther off if there are none.
+// R, or of those farther off if there are none, unless it is known.
 LampReader::Sorted LampReader::sort_out(const Sights& sights, const SightRow* rows, int row_count, PlanePosition at,
                                         const Receiver& to, float spread, float* radiance) {
     find_near(sights, rows, row_count, at, to, spread * rule_.radius);
@@ -117,6 +128,7 @@ LampReader::Sorted LampReader::sort_out(const Sights& sights, const SightRow* ro
         crowd.add(dx, dy, i, blocked);
         result.blocked_near |= blocked && within;
         result.lit += !blocked;
+        if (lamp_.radiance) continue;
         // What is on its way to a blocker tells what the light sends as well, if nothing else does.
         float* const sums = blocked ? stopped : within ? near : far;
         const float tent = reach * (within ? rule_.tent : spread);
@@ -127,6 +139,7 @@ LampReader::Sorted LampReader::sort_out(const Sights& sights, const SightRow* ro
         sums[3] += weight * sights.blue[i];
     }
     result.blocked = crowd.size();
+    if (lamp_.radiance) return result;
     const float* const sums = near[0] > 0 ? near : far[0] > 0 ? far : stopped;
     for (int channel = 0; channel < 3; ++channel) radiance[channel] = sums[0] > 0 ? sums[1 + channel] / sums[0] : 0.0f;
     return result;
@@ -151,29 +164,26 @@ void LampReader::find_near(const Sights& sights, const SightRow* rows, int row_c
 // Most receivers are lit, and nothing is in front of them; most others are in the midst of a shadow or at its edge. A
 // blocker is met by fewer samples than the receiver where the camera does not see all that lies in its shadow: what few
 // there are must do farther apart.
-void LampReader::read(const Receiver& receiver, float* radiance) {
+bool LampReader::shines(const Receiver& receiver, float* radiance) {
     const Sights sights = grid_.sights();
     const float near = rule_.radius * receiver.spacing;
     SightRow rows[ViewGrid::most_rows];
     const auto rows_within = [&](float radius) {
         return grid_.rows_around(receiver.at.x, receiver.at.y, radius, rows);
     };
-    const Glimpse glimpse =
-        glimpse_of(sights, rows, rows_within(near), receiver, rule_, tangent_plane(frame_, light_point_, receiver));
+    const Glimpse glimpse = (lamp_.radiance ? glimpse_of_weight : glimpse_in_color)(
+        sights, rows, rows_within(near), receiver, rule_, tangent_plane(frame_, light_point_, receiver));
     if (glimpse.in_front == 0 && glimpse.weight > 0) {
+        if (lamp_.radiance) return true;
         radiance[0] = glimpse.red / glimpse.weight;
         radiance[1] = glimpse.green / glimpse.weight;
         radiance[2] = glimpse.blue / glimpse.weight;
-        return;
+        return true;
     }
-    const auto darken_if = [&](bool dark) {
-        if (dark) std::fill_n(radiance, 3, 0.0f);
-        return dark;
-    };
     surfaces_.scale(receiver.spacing);
     Sorted sorted = sort_out(sights, rows, rows_within(near), receiver.at, receiver, 1, radiance);
-    if (sorted.lit > 0 && sorted.blocked == 0) return;
-    if (darken_if(surfaces_.obviously_covers())) return;
+    if (sorted.lit > 0 && sorted.blocked == 0) return true;
+    if (surfaces_.obviously_covers()) return false;
     float spread = wide;
     sorted = sort_out(sights, rows, rows_within(spread * near), receiver.at, receiver, spread, radiance);
     surfaces_.scale(second_look * receiver.spacing);
@@ -184,9 +194,14 @@ void LampReader::read(const Receiver& receiver, float* radiance) {
         const SightRow all{0, gathered_.size()};
         sorted = sort_out(gatherer_.sights(), &all, 1, {0, 0}, receiver, spread, radiance);
     }
-    if (sorted.lit > 0 && !sorted.blocked_near && spread == wide) return;
+    if (sorted.lit > 0 && !sorted.blocked_near && spread == wide) return true;
     surfaces_.crowd().thin(most_blockers);
-    darken_if(sorted.lit == 0 || surfaces_.any_covers());
+    return sorted.lit > 0 && !surfaces_.any_covers();
+}
+
+void LampReader::read(const Receiver& receiver, float* radiance) {
+    if (lamp_.radiance) std::copy_n(lamp_.radiance, 3, radiance);
+    if (!shines(receiver, radiance)) std::fill_n(radiance, 3, 0.0f);
 }
 
 }  // namespace fewrays

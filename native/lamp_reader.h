@@ -53,7 +53,7 @@ public:
         : lamp_(lamp),
           rule_(rule),
 
-          grid_(*lamp.tree, true),
+          grid_(*lamp.tree, true, !lamp.radiance),
           gatherer_(*lamp.tree, true),
           surfaces_(rule) {}
 
@@ -67,6 +67,9 @@ public:
     void read(const Receiver& receiver, float* radiance);
 
 private:
+    // Whether any light comes to a receiver; and the radiance, unless it is the same everywhere.
+    bool shines(const Receiver& receiver, float* radiance);
+
     struct Sorted {  // the samples around a receiver
         int lit, blocked;
         bool blocked_near;  // within R

@@ -327,10 +327,15 @@ void Crowd::finish() {
 
 void Crowd::thin(int most) {
     if (size_ <= most) return;
-    std::vector<std::tuple<float, float, float, std::int32_t>> all;
-    for (int i = 0; i < size_; ++i) all.push_back({x_[i] * x_[i] + y_[i] * y_[i], x_[i], y_[i], source_[i]});
-    std::nth_element(all.begin(), all.begin() + most, all.end());
-    for (size_ = 0; size_ < most; ++size_) std::tie(std::ignore, x_[size_], y_[size_], source_[size_]) = all[size_];
+    order_.resize(static_cast<std::size_t>(size_));
+    for (int i = 0; i < size_; ++i) order_[i] = {x_[i] * x_[i] + y_[i] * y_[i], x_[i], y_[i], source_[i]};
+    std::nth_element(order_.begin(), order_.begin() + most, order_.end());
+    for (size_ = 0; size_ < most; ++size_) {
+        const Nearness& kept = order_[size_];
+        x_[size_] = kept.x;
+        y_[size_] = kept.y;
+        source_[size_] = kept.source;
+    }
 }
 
 Sights Crowd::sights() const {

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cmath>
+#include <compare>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -20,11 +21,11 @@ struct SurfaceRule {
 // Samples as seen from one lens point at one time.
 struct Sights {
     const float *x, *y, *slope;
-    const float *speed_x, *speed_y;  // null where nothing moves
-    const float* weight;             // less than 1 for samples far from their own lens point; null where all are matte
-    const float *red, *green, *blue;
-    const float* spacing;        // as in LightField
-    const std::int32_t* number;  // which of all samples it is; null where nobody asks
+    const float *speed_x, *speed_y;   // null where nothing moves
+    const float* weight;              // less than 1 for samples far from their own lens point; null where all are matte
+    const float *red, *green, *blue;  // null where nobody asks
+    const float* spacing;             // as in LightField
+    const std::int32_t* number;       // which of all samples it is; null where nobody asks
 };
 
 // Some of them, one after the other. Arrays have room for `read_beyond` more.
@@ -57,8 +58,16 @@ public:
     Sights sights() const;  // positions, slopes and speeds
 
 private:
+    struct Nearness {  // the nearest first
+        float distance2, x, y;
+        std::int32_t source;
+
+        auto operator<=>(const Nearness&) const = default;
+    };
+
     Sights from_{};
     int size_ = 0;
+    std::vector<Nearness> order_;
     std::vector<std::int32_t> source_;
     std::vector<float> x_, y_, slope_, speed_x_, speed_y_;
 };

@@ -161,7 +161,8 @@ void ViewGrid::sort(const View& view) {
         for (int field = 0; field < 3; ++field) sorted_[field][to] = seen_[field][i];
         if (numbered_) sorted_numbers_[to] = cache_.number(source);
         if (cache_.spaced()) sorted_[9][to] = cache_.field(cache_.spacing_field())[source];
-        for (int channel = 0; channel < 3; ++channel) sorted_[3 + channel][to] = cache_.field(colors + channel)[source];
+        for (int channel = 0; colored_ && channel < 3; ++channel)
+            sorted_[3 + channel][to] = cache_.field(colors + channel)[source];
         if (moving())
             for (int axis = 0; axis < 2; ++axis) sorted_[6 + axis][to] = seen_[3 + axis][i];
         if (glossy())
@@ -194,9 +195,9 @@ Sights ViewGrid::sights() const {
             moving() ? field(6) : nullptr,
             moving() ? field(7) : nullptr,
             glossy() ? field(8) : nullptr,
-            field(3),
-            field(4),
-            field(5),
+            colored_ ? field(3) : nullptr,
+            colored_ ? field(4) : nullptr,
+            colored_ ? field(5) : nullptr,
             cache_.spaced() ? field(9) : nullptr,
             numbered_ ? sorted_numbers_.data() : nullptr};
 }

@@ -46,8 +46,9 @@ private:
 
 class ViewGrid {
 public:
-    // With `numbered`, what is seen knows which samples it is.
-    explicit ViewGrid(const SampleTree& tree, bool numbered = false) : tree_(tree), numbered_(numbered), cache_(tree) {}
+    // With `numbered`, what is seen knows which samples it is; without `colored`, it has no radiance.
+    explicit ViewGrid(const SampleTree& tree, bool numbered = false, bool colored = true)
+        : tree_(tree), numbered_(numbered), colored_(colored), cache_(tree) {}
 
     // Forgets the copies made for an earlier part of the image.
     void clear() { cache_.clear(); }
@@ -67,7 +68,7 @@ private:
     void sort(const View& view);
 
     const SampleTree& tree_;
-    const bool numbered_;
+    const bool numbered_, colored_;
     LeafCache cache_;
     Box box_{};
     float cell_ = 0;
