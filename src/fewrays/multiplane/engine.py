@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 
@@ -15,6 +18,7 @@ from fewrays.multiplane.cuda.render import render_planes
 from fewrays.multiplane.maps import Maps
 from fewrays.multiplane.render import RenderOptions, render_maps
 from fewrays.parallel import Execution
+from fewrays.pinhole import needs_order, with_order
 from fewrays.samples import SampleBuffer
 
 __all__ = ["AnyPlanes", "build", "on_card", "on_host", "render"]
@@ -23,15 +27,35 @@ AnyPlanes = Maps | DevicePlanes
 """Planes in the host's memory, or in a card's."""
 
 _DEVICES = ("cpu", "cuda")
+_ORDER = 16.0  # pixels of blur far away, for planes that are to be told apart by depth alone
 
 
 def build(samples: SampleBuffer | DeviceSamples, options: BuildOptions, execution: Execution) -> AnyPlanes:
     """Make planes of samples, where the execution says, or where the samples are."""
+    if needs_order(samples):
+        return _build_in_order(samples, options, execution)
     if isinstance(samples, SampleBuffer):
         if pick_device(_DEVICES, execution.device) == "cpu":
             return build_maps(samples, options, execution)
         samples = DeviceSamples.of_buffer(require_machine(), samples)
     return build_planes(require_machine(), samples, options)
+
+
+def _build_in_order(
+    samples: SampleBuffer | DeviceSamples, options: BuildOptions, execution: Execution
+) -> AnyPlanes:
+    """Make planes of what a pinhole sees: sorted as through a lens, at whose centre all lens points are."""
+    centered = samples.with_lens(replace(samples.lens, c0=0.0, c1=0.0))
+    ordered = with_order(replace(centered, uv=0 * centered.uv), _ORDER)
+    planes = build(ordered, replace(options, fine_to=math.inf), execution)
+
+    def through_pinhole(maps: Maps) -> Maps:
+        slope = np.full_like(maps.shear.slope, samples.lens.c1)
+        return replace(maps, lens=samples.lens, shear=replace(maps.shear, slope=slope))
+
+    if isinstance(planes, Maps):
+        return through_pinhole(planes)
+    return replace(planes, outline=through_pinhole(planes.outline))
 
 
 def render(

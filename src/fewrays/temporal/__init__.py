@@ -27,6 +27,7 @@ from fewrays.cuda.samples import DeviceSamples
 from fewrays.errors import SampleError, require_option
 from fewrays.method import Method, Reconstruction
 from fewrays.parallel import Execution
+from fewrays.pinhole import needs_order, with_order
 from fewrays.pixel_filter import PixelFilter, PixelFilterShape
 from fewrays.samples import SampleBuffer
 from fewrays.temporal import cuda, kernel, reference
@@ -138,7 +139,8 @@ def _run(
         )
     plan = make_plan(samples, options)
     bands = np.zeros((samples.height, samples.width, len(plan.band_starts), 4), np.float32)
-    _ENGINES[execution.device](samples, plan, bands, execution)
+    ordered = with_order(samples) if needs_order(samples) else samples
+    _ENGINES[execution.device](ordered, plan, bands, execution)
     image = smooth_bands(bands, plan.band_starts, options.smoothing * plan.rule.along_lens)
     if options.correction and plan.lighting is None:  # whose shadows would bring their noise back
         aperture, shutter = options.aperture_of(samples.lens), options.open_shutter()

@@ -37,7 +37,7 @@ def published_radius(spp: int) -> float:
     return 2 / math.sqrt(spp)
 
 
-def dispersion(samples: SampleBuffer) -> float:
+def dispersion(samples: SampleBuffer, lens_points: npt.NDArray[np.float32] | None = None) -> float:
     """Measure how large the empty circles between reprojected samples get.
 
     Measured in the middle of the image, as the mean over random planes of each plane's largest circle, and
@@ -47,6 +47,9 @@ def dispersion(samples: SampleBuffer) -> float:
     Parameters
     ----------
     samples : SampleBuffer
+    lens_points : ndarray of float32, (H, W, S, 2), optional
+        Where on the lens they were drawn, in lens units, unless that is what they say: of a pinhole, all at
+        its centre.
 
     Returns
     -------
@@ -61,7 +64,9 @@ def dispersion(samples: SampleBuffer) -> float:
     window = np.s_[middle_row - half : middle_row + half, middle_column - half : middle_column + half]
     corner = (middle_column - half, middle_row - half)
     xy = (samples.xy[window] - np.array(corner, np.float32)).reshape(-1, 2)
-    uv = samples.uv[window].reshape(-1, 2)
+    if lens_points is None:
+        lens_points = samples.uv if samples.lens.c0 else np.zeros_like(samples.uv)
+    uv = lens_points[window].reshape(-1, 2)
     time = None if samples.time is None or samples.motion is None else samples.time[window].reshape(-1, 1)
     key = _digest(xy, uv, time)
     if key not in _known:

@@ -103,7 +103,7 @@ def native_lights(samples: SampleBuffer, lighting: Lighting, rule: SurfaceRule, 
     projection = lighting.projection
     lights = _native.Lights(
         projection=np.array([*projection.focal, *projection.center], np.float32),
-        rule=native_rule(rule.for_light()),
+        rule=native_rule(rule.for_light(samples, lighting)),
         unlit=lighting.unlit.reshape(-1, 3),
         normal=lighting.normal.reshape(-1, 3),
         facing=facing_normals(samples, lighting),

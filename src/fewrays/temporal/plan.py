@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
+import numpy.typing as npt
+
 from fewrays.lighting import Lighting
 from fewrays.samples import SampleBuffer
 from fewrays.temporal.dispersion import dispersion
@@ -65,9 +68,15 @@ class SurfaceRule:
             overhang=factor * self.overhang,
         )
 
-    def for_light(self) -> SurfaceRule:
-        """Return the rule for light samples: blockers are looked for farther off; the tent is always on."""
-        return replace(self, overhang=_LIGHT_OVERHANG * self.overhang, tent=self.tent or 1.0)
+    def for_light(self, samples: SampleBuffer, lighting: Lighting) -> SurfaceRule:
+        """Return the rule for light samples: the light is their lens, and the tent is always on."""
+        wider = dispersion(samples, _light_points(lighting)) / dispersion(samples)
+        return replace(
+            self,
+            radius=wider * self.radius,
+            overhang=_LIGHT_OVERHANG * wider * self.overhang,
+            tent=self.tent or 1.0,
+        )
 
     @classmethod
     def for_samples(
@@ -83,6 +92,13 @@ class SurfaceRule:
             tent=tent_scale,
             overhang=_OVERHANG * radius,
         )
+
+
+def _light_points(lighting: Lighting) -> npt.NDArray[np.float32]:
+    """Return where light samples start, ``(H, W, S, 2)``, on the light: anywhere, if there are none."""
+    light = max(lighting.lights, key=lambda each: np.count_nonzero(each.density))
+    anywhere = np.random.default_rng(0).uniform(-0.9, 0.9, light.luv.shape).astype(np.float32)
+    return np.where(light.density[..., None] > 0, light.luv, anywhere)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -129,7 +129,7 @@ class Lights:
     ) -> None:
         self.lens = samples.lens
         self.projection = lighting.projection
-        self.rule = rule.for_light()
+        self.rule = rule.for_light(samples, lighting)
         self.times = times
         self.unlit = lighting.unlit.reshape(-1, 3).astype(np.float64)
         self.normal = lighting.normal.reshape(-1, 3).astype(np.float64)
