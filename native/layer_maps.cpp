@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "math/blur_taps.h"
+#include "math/shared_hit.h"
 #include "separable_blur.h"
 #include "simd.h"
 
@@ -51,12 +52,6 @@ FEWRAYS_CLONES void hit_bins(const float* FEWRAYS_RESTRICT x, const float* FEWRA
         for (int i = 0; i < n; ++i) bins[i] = bin_of<true>(x[i] - c[i] * u[i], y[i] - c[i] * v[i], local, i);
     else
         for (int i = 0; i < n; ++i) bins[i] = bin_of<false>(x[i] - c[i] * u[i], y[i] - c[i] * v[i], local, i);
-}
-
-// In steps, none of which is zero: no bin gets a share that vanishes in rounding.
-FEWRAYS_INLINE float share_of(float fraction) {
-    constexpr float steps = 256.0f;
-    return (static_cast<float>(static_cast<std::int32_t>(fraction * steps)) + 0.5f) / steps;
 }
 
 // The first of the two by two bins of a coarse layer that a hit is shared between, and how far it lies towards the
@@ -124,12 +119,6 @@ FEWRAYS_CLONES void share(const float* FEWRAYS_RESTRICT color, const std::int32_
         for (int i = 0; i < 2 * hit_channels; ++i) above[i] += (1 - down[k]) * pair[i];
         for (int i = 0; i < 2 * hit_channels; ++i) below[i] += down[k] * pair[i];
     });
-}
-
-// A number from -1/2 to 1/2 that looks random, but is the sample's own.
-FEWRAYS_INLINE float scramble(float u) {
-    const float many = (u + 1.0f) * 719.37f;
-    return many - static_cast<float>(static_cast<std::int32_t>(many)) - 0.5f;
 }
 
 // Holes of coarse layers are scattered over as much of the bins, on average, as shared hits are: otherwise these would

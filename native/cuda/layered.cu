@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "../math/shared_hit.h"
 #include "../math/slope.h"
 #include "atomics.h"
 #include "block.h"
@@ -117,12 +118,6 @@ struct ScatterArguments {
     float scale;  // of radiance, so that no sum is too large
 };
 
-// A number from -1/2 to 1/2 that looks random, but is the sample's own.
-FEWRAYS_INLINE float scramble(float u) {
-    const float many = (u + 1.0f) * 719.37f;
-    return many - static_cast<float>(static_cast<int>(many)) - 0.5f;
-}
-
 FEWRAYS_INLINE LayerBin* bin_at(const ScatterArguments& a, float column, float row) {
     const LayerWindow& window = a.window;
     if (!(column >= 0.0f && row >= 0.0f && column < static_cast<float>(window.bin_columns()) &&
@@ -155,8 +150,8 @@ inline void run_layered_scatter(const ScatterArguments& a, const Block& block, N
             // Shared between the four nearest bins, so that a light smaller than a bin keeps its place.
             const float column = x * per_pixel + radius - 0.5f, row = y * per_pixel + radius - 0.5f;
             const float left = std::floor(column), top = std::floor(row);
-            const int right = 2 * static_cast<int>((column - left) * 256.0f) + 1;
-            const int down = 2 * static_cast<int>((row - top) * 256.0f) + 1;
+            const auto right = static_cast<int>(share_of(column - left) * 512.0f + 0.5f);
+            const auto down = static_cast<int>(share_of(row - top) * 512.0f + 0.5f);
             for (int k = 0; k < 4; ++k)
                 add_hit(a, i, (k % 2 ? right : 512 - right) * (k / 2 ? down : 512 - down),
                         bin_at(a, left + static_cast<float>(k % 2), top + static_cast<float>(k / 2)));
