@@ -113,6 +113,18 @@ def test_kernel_equals_reference(method: str, options: dict[str, Any]) -> None:
     off_image=0.3,
     seed=771,
 )
+@example(
+    height=17,
+    width=1,
+    spp=1,
+    aperture="gaussian",
+    sampling="gaussian",
+    blur=20.0,
+    sigma=0.5,
+    method="layered-published",
+    off_image=0.3,
+    seed=516,
+)
 def test_kernel_equals_reference_on_any_buffer(
     height: int,
     width: int,
