@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "math/blur_taps.h"
+#include "math/layer_blur.h"
 #include "math/shared_hit.h"
 #include "separable_blur.h"
 #include "simd.h"
@@ -15,10 +16,7 @@ namespace {
 constexpr int batch_size = 2048;  // samples that are sorted by layer at a time
 constexpr int rows_at_once = 8;   // that are blurred, in cells
 constexpr int stray_bins = 16;
-constexpr int hit_channels = 4;                 // red, green, blue, count
-constexpr double magnified_variance = 0.25;     // of the quadratic B-spline that reads coarse maps, in bins²
-constexpr double bin_variance = 1.0 / 12.0;     // of the bin that a sample is rounded to, in bins²
-constexpr double shared_variance = 1.0 / 12.0;  // what sharing hits between bins adds to that
+constexpr int hit_channels = 4;  // red, green, blue, count
 constexpr float min_weight = 1e-12f;
 constexpr float tail = 4.0f;  // pixels around a layer's reach in which its samples still count
 
@@ -255,7 +253,7 @@ LayerMaps::LayerMaps(const Samples& samples, const BlockLayers& blocks, const La
       plan_(plan),
       index_(samples, blocks.extents, blocks.block),
       lookup_(plan.boundaries, plan.layer_count - 1),
-      part_reach_(farthest_part(plan) + static_cast<float>(taps_reach * std::sqrt(plan.part_variance))),
+      part_reach_(farthest_part(plan) + static_cast<float>(taps_reach * std::sqrt(plan.widths.part))),
       key_(batch_size),
       place_(batch_size),
       color_(std::size_t{hit_channels} * batch_size, 1.0f),  // the count of a sample stays 1
@@ -299,26 +297,11 @@ std::vector<LayerTarget> LayerMaps::layers_near(const Rectangle& pixels, int fir
         target.bins_per_cell = target.near ? 1 << -level : 1;
         target.first_distance = target.near ? 0.5 : 0.0;
         target.cell = level > 0 ? static_cast<float>(1 << level) : 1.0f;
-        target.blur_variance = blur_variance(target);
+        target.blur_variance = layer_blur_variance(level, target.slope, plan_.widths);
         target.taps_beside = tap_count(target.blur_variance, target.first_distance);
         targets.push_back(std::move(target));
     }
     return targets;
-}
-
-// Wanted is the pixel filter's variance and that of the aperture, or of a part of it, at the layer's slope. Bins and
-// interpolation have each a share in it already.
-double LayerMaps::blur_variance(const LayerTarget& target) const {
-    const double slope2 = double{target.slope} * target.slope;
-    double variance = plan_.pixel_variance + slope2 * (target.near ? plan_.aperture_variance : plan_.part_variance);
-    if (target.near) {
-        variance *= target.bins_per_cell * target.bins_per_cell;
-    } else {
-        variance -= plan_.interpolation;
-        if (target.cell > 1.0f)
-            variance = variance / (double{target.cell} * target.cell) - magnified_variance - shared_variance;
-    }
-    return std::max(variance - bin_variance, 0.0);
 }
 
 std::vector<FilteredMap> LayerMaps::filter(std::vector<LayerTarget>& targets, float left, float top) {
