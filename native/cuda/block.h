@@ -8,6 +8,7 @@
 // outside of phases must be the same for all threads.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <cstring>
 #include <vector>
@@ -117,7 +118,7 @@ void run_grid(Kernel kernel, const Arguments& arguments, int threads, int column
     for (int i = 0; i < count; ++i) {
         const int at = in_order(i, count, order);
         std::memset(static_cast<void*>(&shared), 0xcd, sizeof shared);
-        std::memset(static_cast<void*>(words.data()), 0xcd, words.size() * sizeof(SharedWord));
+        std::fill(words.begin(), words.end(), SharedWord{0xcdcdcdcd});
         const Block block(at % columns, at / columns % rows, at / columns / rows, threads, order);
         if constexpr (requires { kernel(arguments, block, shared, words.data()); })
             kernel(arguments, block, shared, words.data());

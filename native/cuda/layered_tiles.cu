@@ -31,7 +31,7 @@ constexpr int tile_threads = 512, warp = 32;
 constexpr int most_together = 8;  // layers in a pass
 constexpr int share_steps = 256;  // in which hits are shared between the centres of two bins, where they are few
 constexpr int least_room = 6, color_bits = 30;
-constexpr int own_shared_bytes = 12 << 10;  // that the host leaves to TilesShared
+constexpr int own_shared_bytes = 14 << 10;  // that the host leaves to TilesShared
 constexpr int block_bits = 24;  // of the number of a block of pixels, below bits for the layers that it matters to
 constexpr std::uint32_t block_mask = (1u << block_bits) - 1;
 static_assert(most_together <= 32 - block_bits);
@@ -48,6 +48,7 @@ struct TilesArguments {
     DeviceSamples samples;
     Survey survey;
     const std::int16_t* layer_of;  // (samples)
+    const std::uint32_t* counts;   // (blocks, layers): samples
     const std::int32_t* levels;    // (layers)
     const float* reaches;          // (layers): largest |slope| of a sample
     const TileLayer* tile_layers;  // (tiles, layers)
@@ -93,7 +94,10 @@ struct Patch {
 
 struct TilesShared {
     float slopes[most_layers];
-    std::int32_t radii[most_layers];  // of blurs; 0 where the layer does not matter
+    std::int32_t radii[most_layers];  // of blurs; 0 where the layer does not matter to the tile
+    float around[most_layers];        // pixels around the patch in which samples of the layer may matter to it
+    std::int32_t here[most_layers];   // whether there are any
+    std::uint32_t farthest_around;    // the largest, as a float's bits
     PassLayer layers[most_together];
     std::int32_t count, words;                              // of the pass: layers, and the words that bins take
     std::int32_t next, last;                                // the layer behind it, and whether there is none
@@ -159,7 +163,7 @@ FEWRAYS_INLINE void plan_pass(const TilesArguments& a, const Patch& patch, Tiles
     shared.count = 0;
     shared.rows = a.patch;
     for (; index < a.layers && shared.count < most_together; ++index) {
-        if (shared.radii[index] == 0) continue;
+        if (!shared.here[index]) continue;
         int rows = a.patch;
         PassLayer layer = pass_layer(a, shared, index, rows, patch.columns);
         while (layer.words() > a.words) layer = pass_layer(a, shared, index, rows /= 2, patch.columns);
@@ -174,7 +178,7 @@ FEWRAYS_INLINE void plan_pass(const TilesArguments& a, const Patch& patch, Tiles
         }
         shared.layers[shared.count++] = layer;
     }
-    while (index < a.layers && shared.radii[index] == 0) ++index;
+    while (index < a.layers && !shared.here[index]) ++index;
     shared.words = words;
     shared.next = index;
     shared.last = index >= a.layers;
@@ -272,13 +276,16 @@ FEWRAYS_INLINE void add_listed(const TilesArguments& a, const Patch& strip, int 
         const int row = block / a.survey.columns * side, column = block % a.survey.columns * side;
         const int in_row = std::min(side, a.width - column) * a.spp, count = std::min(side, a.height - row) * in_row;
         const std::int64_t first = (static_cast<std::int64_t>(row) * a.width + column) * a.spp;
+        const float rows_each = 1.0f / static_cast<float>(in_row);
         for (int from = thread % warp; from < count; from += at_once * warp) {
             Ray rays[at_once];
             std::int32_t numbers[at_once], own[at_once];
             FEWRAYS_UNROLL
             for (int j = 0; j < at_once; ++j) {
                 const int i = std::min(from + j * warp, count - 1);
-                numbers[j] = i / in_row * a.width * a.spp + i % in_row;
+                // A division, exact for numbers below 2^20 and cheaper than one of whole numbers.
+                const auto down = static_cast<int>((static_cast<float>(i) + 0.5f) * rows_each);
+                numbers[j] = i + down * (a.width * a.spp - in_row);
                 rays[j] = load_ray(a, strip, first + numbers[j]);
                 if (from + j * warp >= count) rays[j].layer = -1;
                 own[j] = -1;
@@ -510,18 +517,44 @@ FEWRAYS_INLINE void composite_pixel(const TilesArguments& a, const Patch& strip,
         for (int i = 0; i < 4 * a.layers; ++i) a.contributions[4 * pixel * a.layers + i] *= scale;
 }
 
+// Finds out which of the tile's layers have samples so close to a patch that it may see them.
+inline void find_layers(const TilesArguments& a, const Patch& patch, const Block& block, TilesShared& shared) {
+    const TileLayer* const found = a.tile_layers + static_cast<std::int64_t>(patch.tile) * a.layers;
+    block.each([&](int thread) {
+        if (thread == 0) shared.next = shared.farthest_around = 0;
+    });
+    block.each([&](int thread) {
+        for (int i = thread; i < a.layers; i += tile_threads) {
+            shared.slopes[i] = found[i].slope;
+            shared.radii[i] = found[i].count > 0 ? found[i].radius : 0;
+            const PassLayer layer = pass_layer(a, shared, i, patch.rows, patch.columns);
+            shared.here[i] = found[i].count > 0 && layer.whole;
+            shared.around[i] = found[i].count > 0 && !layer.whole ? layer.catchment : 0.0f;
+            atomic_most(&shared.farthest_around, std::bit_cast<std::uint32_t>(shared.around[i]));
+        }
+    });
+    const auto left = static_cast<float>(patch.left), right = static_cast<float>(patch.left + patch.columns);
+    const auto top = static_cast<float>(patch.top), bottom = static_cast<float>(patch.top + patch.rows);
+    const float most = std::bit_cast<float>(shared.farthest_around);
+    const BlockRange range = blocks_around(a.survey, left - most, right + most, top - most, bottom + most);
+    block.each([&](int thread) {
+        for (std::int64_t i = thread; i < static_cast<std::int64_t>(range.count()) * a.layers; i += tile_threads) {
+            const auto layer = static_cast<int>(i % a.layers);
+            const std::int64_t at = range.block(a.survey, static_cast<int>(i / a.layers));
+            const float around = shared.around[layer];
+            if (around > 0.0f && a.counts[at * a.layers + layer] > 0 &&
+                a.survey.boxes[at].meets(left - around, right + around, top - around, bottom + around))
+                shared.here[layer] = 1;
+        }
+    });
+}
+
 inline void reconstruct_patch(const TilesArguments& a, const Patch& patch, const Block& block, SharedWord* words,
                               TilesShared& shared) {
     const TileLayer* const found = a.tile_layers + static_cast<std::int64_t>(patch.tile) * a.layers;
     const int pixels = a.patch * a.patch;
     float* const behind = a.behind + static_cast<std::int64_t>(block.x()) * (3 * a.part_count + 4) * pixels;
-    block.each([&](int thread) {
-        if (thread == 0) shared.next = 0;
-        for (int i = thread; i < a.layers; i += tile_threads) {
-            shared.slopes[i] = found[i].slope;
-            shared.radii[i] = found[i].count > 0 ? found[i].radius : 0;
-        }
-    });
+    find_layers(a, patch, block, shared);
     bool last = false;
     for (bool first = true; !last; first = false) {
         block.each([&](int thread) {

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = ["KERNELS", "OWN_SHARED_BYTES", "patch_side", "reconstruct_image"]
 
-OWN_SHARED_BYTES = 12 << 10
+OWN_SHARED_BYTES = 14 << 10
 """Shared memory that `layered_tiles` has besides its bins, at most."""
 
 _MOST_LAYERS = 512
@@ -103,6 +103,7 @@ _TILES = Kernel(
         **_BLOCKS,
         "survey_padding": "i4",
         "layer_of": "*i2",
+        "counts": "*u4",
         "levels": "*i4",
         "reaches": "*f4",
         "tile_layers": "*u1",
@@ -212,6 +213,7 @@ def reconstruct_image(
         (workers, 1, 1),
         shared_bytes=4 * words,
         layer_of=survey.layer_of,
+        counts=survey.counts,
         levels=machine.on_device(plan.slabs.levels, np.int32),
         reaches=survey.reaches,
         tile_layers=tiles.layers,
