@@ -124,9 +124,9 @@ FEWRAYS_INLINE bool read_map(const MapView& map, int row, int column, float x, f
     const float left = std::floor(x), top = std::floor(y);
     const int i = map.row + row + static_cast<int>(top), j = map.column + column + static_cast<int>(left);
     const bool shows = map.size == 1 ? read_cell(map, between_pixels(i, y - top, map.rows),
-                                                  between_pixels(j, x - left, map.columns), cell)
-                                      : read_cell(map, between_splines(i, y - top, map.rows, map.size),
-                                                  between_splines(j, x - left, map.columns, map.size), cell);
+                                                 between_pixels(j, x - left, map.columns), cell)
+                                     : read_cell(map, between_splines(i, y - top, map.rows, map.size),
+                                                 between_splines(j, x - left, map.columns, map.size), cell);
     if (shows) cell.known = read_known(map, i, j);
     return shows;
 }
@@ -155,12 +155,15 @@ FEWRAYS_INLINE void composite(const MapCell& cell, float shear, Visibility& behi
     behind.mean = std::max(mean - visible, 0.0f);
 }
 
-// The same for a layer near focus, which looks the same from everywhere on the lens.
-FEWRAYS_INLINE void composite_near(const MapView& map, int row, int column, Visibility& behind, float* shown) {
-    const float* const values = map.values + (map.row + row) * map.stride + map.column + column;
+// The same for a layer near focus, which looks the same from everywhere on the lens; false beyond its map.
+FEWRAYS_INLINE bool composite_near(const MapView& map, int row, int column, Visibility& behind, float* shown) {
+    const int i = map.row + row, j = map.column + column;
+    if (i < 0 || i >= map.rows || j < 0 || j >= map.columns) return false;
+    const float* const values = map.values + i * map.stride + j;
     for (int c = 0; c < 4; ++c) shown[c] = behind.mean * values[(1 + c) * map.plane];
     const float clear = 1.0f - values[map.plane];
     behind = {behind.mean * clear, behind.along_u * clear, behind.along_v * clear};
+    return true;
 }
 
 }  // namespace fewrays

@@ -31,7 +31,8 @@ constexpr int tile_threads = 512, warp = 32;
 constexpr int most_together = 8;  // layers in a pass
 constexpr int share_steps = 256;  // in which hits are shared between the centres of two bins, where they are few
 constexpr int least_room = 6, color_bits = 30;
-constexpr int own_shared_bytes = 14 << 10;  // that the host leaves to TilesShared
+constexpr int own_shared_bytes = 20 << 10;  // that the host leaves to TilesShared
+constexpr int far_off = 1 << 20;            // pixels, farther than any hit of a layer that a patch has room for
 constexpr int block_bits = 24;  // of the number of a block of pixels, below bits for the layers that it matters to
 constexpr std::uint32_t block_mask = (1u << block_bits) - 1;
 static_assert(most_together <= 32 - block_bits);
@@ -65,13 +66,13 @@ struct TilesArguments {
     float full_weight, seen;          // shares of its samples from which on a bin weighs 1, and is certainly seen
 };
 
-// A layer of a pass, and its bins: `planes` planes of (bin_rows, stride).
+// A layer of a pass, and its bins: `planes` planes of (bin_rows, stride), around what a strip may see of its hits.
 struct PassLayer {
     std::int32_t index, size;  // of a cell, in pixels
     float slope, per_pixel;    // bins along a pixel
     std::int32_t bin_rows, bin_columns, stride, offset;
-    std::int32_t before;                    // bins before the strip's first pixel, along both axes
-    float catchment;                        // pixels around the strip in which samples may lie that fall into the bins
+    std::int32_t above, before;             // bins from the first to the strip's first pixel, along columns and rows
+    float left, right, top, bottom;         // where samples may lie that fall into the bins
     std::int32_t steps, room;               // of shares; and hits that its bins have room for, as a power of two
     std::int32_t level, bins, near, whole;  // bins along the side of a cell; whether its map is of the whole image
     std::int32_t around, margin;            // cells around the strip's pixels, bins around those
@@ -80,7 +81,6 @@ struct PassLayer {
     float taps_of[2 * most_taps];
 
     FEWRAYS_INLINE int plane() const { return bin_rows * stride; }
-    FEWRAYS_INLINE int words() const { return planes * plane(); }
     FEWRAYS_INLINE float samples_each(int spp) const {
         const float side = static_cast<float>(size) / static_cast<float>(bins);
         return static_cast<float>(spp) * side * side;
@@ -92,12 +92,18 @@ struct Patch {
     std::int32_t tile, top, left, rows, columns;
 };
 
+// Where the lens centre may see a layer's hits, as whole pixels behind a place `far_off` pixels before the patch's
+// corner, and for the first ones from there to behind the corner; all 0 where there are no hits.
+struct HitBox {
+    std::uint32_t to_left, right, to_top, bottom;
+};
+
 struct TilesShared {
     float slopes[most_layers];
     std::int32_t radii[most_layers];  // of blurs; 0 where the layer does not matter to the tile
     float around[most_layers];        // pixels around the patch in which samples of the layer may matter to it
-    std::int32_t here[most_layers];   // whether there are any
-    std::uint32_t farthest_around;    // the largest, as a float's bits
+    HitBox hits[most_layers];
+    std::uint32_t farthest_around;  // the largest, as a float's bits
     PassLayer layers[most_together];
     std::int32_t count, words;                              // of the pass: layers, and the words that bins take
     std::int32_t next, last;                                // the layer behind it, and whether there is none
@@ -107,15 +113,7 @@ struct TilesShared {
 
 static_assert(sizeof(TilesShared) <= own_shared_bytes);
 
-// Where the samples are that may fall into a layer's bins: so many pixels around a strip.
-FEWRAYS_INLINE float catchment(const TilesArguments& a, const PassLayer& layer) {
-    const float bins = static_cast<float>(layer.margin) / static_cast<float>(layer.bins);
-    // One cell more, for hits that are shared and holes that are scattered.
-    return (static_cast<float>(layer.around + 1) + bins) * static_cast<float>(layer.size) + a.reaches[layer.index];
-}
-
-FEWRAYS_INLINE PassLayer pass_layer(const TilesArguments& a, const TilesShared& shared, int index, int rows,
-                                    int columns) {
+FEWRAYS_INLINE PassLayer pass_layer(const TilesArguments& a, const TilesShared& shared, int index) {
     PassLayer layer{};
     const int level = a.levels[index], radius = shared.radii[index];
     layer.index = index;
@@ -125,23 +123,71 @@ FEWRAYS_INLINE PassLayer pass_layer(const TilesArguments& a, const TilesShared& 
     layer.size = level > 0 ? 1 << level : 1;
     layer.bins = level < 0 ? 1 << -level : 1;
     layer.whole = a.whole[index].rows > 0;
-    if (layer.whole) return layer;
     // Pixels that some part of the aperture sees in the patch, and what splines read on all sides of them.
     const int border = layer.near ? 0 : static_cast<int>(std::ceil(a.farthest_part * std::fabs(layer.slope))) + 1;
     layer.around = (border + (layer.size > 1 ? 2 * layer.size - 1 : 0)) / layer.size;
     layer.taps = layer.near ? 2 * radius : 2 * radius - 1;
     layer.margin = std::max(radius - 1 - (layer.bins - 1) / 2, 0);
     layer.first_tap = layer.margin + (layer.bins - 1) / 2 - (radius - 1);
-    layer.rows = (rows + layer.size - 1) / layer.size + 2 * layer.around;
-    layer.columns = (columns + layer.size - 1) / layer.size + 2 * layer.around;
-    layer.bin_rows = layer.rows * layer.bins + 2 * layer.margin;
-    layer.bin_columns = layer.columns * layer.bins + 2 * layer.margin;
-    layer.stride = layer.bin_columns | 1;  // odd: rows begin in different banks
     layer.planes = layer.near ? hit_planes : bin_planes;
     layer.per_pixel = static_cast<float>(layer.bins) / static_cast<float>(layer.size);
-    layer.before = layer.around * layer.bins + layer.margin;
-    layer.catchment = catchment(a, layer);
     return layer;
+}
+
+// Pixels around a layer's cells in which samples may lie that fall into its bins. One cell more, for hits that are
+// shared and holes that are scattered.
+FEWRAYS_INLINE float catchment(const TilesArguments& a, const PassLayer& layer) {
+    const float cells = 1.0f + static_cast<float>(layer.margin) / static_cast<float>(layer.bins);
+    return cells * static_cast<float>(layer.size) + a.reaches[layer.index];
+}
+
+// Cells along one axis.
+struct CellRange {
+    int first, count;
+};
+
+// The cells around `pixels` pixels that hits from pixel `from` to pixel `to` are spread to.
+FEWRAYS_INLINE CellRange cells_seen(const PassLayer& layer, int from, int to, int pixels) {
+    const int all = (pixels + layer.size - 1) / layer.size + 2 * layer.around, before = layer.around * layer.size;
+    const int radius = layer.margin / layer.bins + 2;
+    const int beyond = (radius + (layer.size > 1 ? 4 : 2)) * layer.size;
+    const int first = std::min(std::max(from - beyond + before, 0) / layer.size, all);
+    const int end = std::min((std::max(to + beyond + before, 0) + layer.size - 1) / layer.size, all);
+    return {first, std::max(end - first, 0)};
+}
+
+// Lays out a layer's bins around `rows` rows of a patch, from number `row` on.
+FEWRAYS_INLINE void lay_out(const TilesArguments& a, const TilesShared& shared, const Patch& patch, int row, int rows,
+                            PassLayer& layer) {
+    const HitBox& hits = shared.hits[layer.index];
+    const int left = far_off - static_cast<int>(hits.to_left), top = far_off - static_cast<int>(hits.to_top);
+    const CellRange down = cells_seen(layer, top - row, static_cast<int>(hits.bottom) - far_off - row, rows);
+    const CellRange along = cells_seen(layer, left, static_cast<int>(hits.right) - far_off, patch.columns);
+    const bool none = layer.whole || down.count == 0 || along.count == 0;
+    layer.rows = none ? 0 : down.count;
+    layer.columns = none ? 0 : along.count;
+    layer.bin_rows = none ? 0 : layer.rows * layer.bins + 2 * layer.margin;
+    layer.bin_columns = none ? 0 : layer.columns * layer.bins + 2 * layer.margin;
+    layer.stride = layer.bin_columns | 1;  // odd: rows begin in different banks
+    layer.above = (layer.around - down.first) * layer.bins + layer.margin;
+    layer.before = (layer.around - along.first) * layer.bins + layer.margin;
+    const float beyond = catchment(a, layer);
+    const auto pixel = [&](int corner, int cell) {
+        return static_cast<float>(corner + (cell - layer.around) * layer.size);
+    };
+    layer.left = none ? INFINITY : pixel(patch.left, along.first) - beyond;
+    layer.right = none ? -INFINITY : pixel(patch.left, along.first + along.count) + beyond;
+    layer.top = none ? INFINITY : pixel(patch.top + row, down.first) - beyond;
+    layer.bottom = none ? -INFINITY : pixel(patch.top + row, down.first + down.count) + beyond;
+}
+
+// Words that a layer's bins take around any strip of so many rows.
+FEWRAYS_INLINE int words_for(const TilesArguments& a, const TilesShared& shared, const Patch& patch, int rows,
+                             PassLayer& layer) {
+    lay_out(a, shared, patch, 0, patch.rows, layer);
+    const int of_strip = (rows + layer.size - 1) / layer.size + 2 * layer.around;
+    const int bin_rows = std::min(of_strip, layer.rows) * layer.bins + 2 * layer.margin;
+    return layer.rows > 0 ? layer.planes * bin_rows * layer.stride : 0;
 }
 
 // How many shares a hit is counted in: so few that no bin's sum of them outgrows 32 bits.
@@ -163,22 +209,22 @@ FEWRAYS_INLINE void plan_pass(const TilesArguments& a, const Patch& patch, Tiles
     shared.count = 0;
     shared.rows = a.patch;
     for (; index < a.layers && shared.count < most_together; ++index) {
-        if (!shared.here[index]) continue;
-        int rows = a.patch;
-        PassLayer layer = pass_layer(a, shared, index, rows, patch.columns);
-        while (layer.words() > a.words) layer = pass_layer(a, shared, index, rows /= 2, patch.columns);
+        if (shared.radii[index] == 0) continue;
+        PassLayer layer = pass_layer(a, shared, index);
+        int rows = a.patch, own = words_for(a, shared, patch, rows, layer);
+        if (own == 0 && !layer.whole) continue;
+        while (own > a.words) own = words_for(a, shared, patch, rows /= 2, layer);
         if (!layer.whole) {
-            if (words > 0 && (rows != shared.rows || words + layer.words() > a.words)) break;
+            if (words > 0 && (rows != shared.rows || words + own > a.words)) break;
             const TileLayer& found = a.tile_layers[static_cast<std::int64_t>(patch.tile) * a.layers + index];
             layer.steps = steps_for(layer, found.count);
             layer.room = room_for(layer.samples_each(a.spp));
             layer.offset = words;
-            words += layer.words();
+            words += own;
             shared.rows = rows;
         }
         shared.layers[shared.count++] = layer;
     }
-    while (index < a.layers && !shared.here[index]) ++index;
     shared.words = words;
     shared.next = index;
     shared.last = index >= a.layers;
@@ -226,9 +272,8 @@ FEWRAYS_INLINE Ray load_ray(const TilesArguments& a, const Patch& strip, std::in
 
 // Where a sample of some slope lies in a layer's bins, `shift` bins from its place.
 FEWRAYS_INLINE bool find_bin(const PassLayer& layer, float x, float y, float shift, float& in_x, float& in_y) {
-    const float before = static_cast<float>(layer.before) + shift;
-    in_x = x * layer.per_pixel + before;
-    in_y = y * layer.per_pixel + before;
+    in_x = x * layer.per_pixel + (static_cast<float>(layer.before) + shift);
+    in_y = y * layer.per_pixel + (static_cast<float>(layer.above) + shift);
     return in_x >= -1.0f && in_y >= -1.0f && in_x < static_cast<float>(layer.bin_columns) &&
            in_y < static_cast<float>(layer.bin_rows);
 }
@@ -307,15 +352,11 @@ FEWRAYS_INLINE void add_listed(const TilesArguments& a, const Patch& strip, int 
 }
 
 // Which layers' bins the samples of a block may fall into, a bit for each.
-FEWRAYS_INLINE std::uint32_t layers_of_block(const SampleBox& box, const Patch& strip, const TilesShared& shared) {
-    const auto left = static_cast<float>(strip.left), right = static_cast<float>(strip.left + strip.columns);
-    const auto top = static_cast<float>(strip.top), bottom = static_cast<float>(strip.top + strip.rows);
+FEWRAYS_INLINE std::uint32_t layers_of_block(const SampleBox& box, const TilesShared& shared) {
     std::uint32_t layers = 0;
     for (int k = 0; k < shared.count; ++k) {
         const PassLayer& layer = shared.layers[k];
-        const float beyond = layer.catchment;
-        if (!layer.whole && box.deepest >= layer.index &&
-            box.meets(left - beyond, right + beyond, top - beyond, bottom + beyond))
+        if (box.deepest >= layer.index && box.meets(layer.left, layer.right, layer.top, layer.bottom))
             layers |= std::uint32_t{1} << k;
     }
     return layers;
@@ -328,16 +369,21 @@ inline void scatter_once(const TilesArguments& a, const Patch& strip, const Bloc
         if (thread == 0) shared.listed = shared.overflown = 0;
         for (int i = thread; i < shared.words; i += tile_threads) words[i].whole = 0;
     });
-    float beyond = 0.0f;
-    for (int k = 0; k < shared.count; ++k) beyond = std::max(beyond, shared.layers[k].catchment);
-    const auto left = static_cast<float>(strip.left), top = static_cast<float>(strip.top);
-    const BlockRange range = blocks_around(a.survey, left - beyond, left + static_cast<float>(strip.columns) + beyond,
-                                           top - beyond, top + static_cast<float>(strip.rows) + beyond);
+    float left = INFINITY, right = -INFINITY, top = INFINITY, bottom = -INFINITY;
+    for (int k = 0; k < shared.count; ++k) {
+        const PassLayer& layer = shared.layers[k];
+        left = std::min(left, layer.left);
+        right = std::max(right, layer.right);
+        top = std::min(top, layer.top);
+        bottom = std::max(bottom, layer.bottom);
+    }
+    if (left > right) return;
+    const BlockRange range = blocks_around(a.survey, left, right, top, bottom);
     for (int first = 0; first < range.count(); first += tile_threads) {
         block.each([&](int thread) {
             if (first + thread >= range.count()) return;
             const int at = range.block(a.survey, first + thread);
-            const std::uint32_t layers = layers_of_block(a.survey.boxes[at], strip, shared);
+            const std::uint32_t layers = layers_of_block(a.survey.boxes[at], shared);
             if (layers)
                 shared.blocks[atomic_take(&shared.listed)] = static_cast<std::uint32_t>(at) | layers << block_bits;
         });
@@ -464,8 +510,8 @@ FEWRAYS_INLINE MapView view_of(const TilesArguments& a, const PassLayer& layer, 
                 layer.rows,
                 layer.columns,
                 layer.size,
-                layer.around * layer.size,
-                layer.around * layer.size};
+                (layer.above - layer.margin) / layer.bins * layer.size,
+                (layer.before - layer.margin) / layer.bins * layer.size};
     const WholeMap& map = a.whole[layer.index];
     return {a.maps + map.first,     map.rows * map.columns, map.columns, map.rows, map.columns, layer.size,
             map.border + strip.top, map.border + strip.left};
@@ -486,10 +532,11 @@ FEWRAYS_INLINE void composite_pixel(const TilesArguments& a, const Patch& strip,
         if (!first) behind = {own[0], own[pixels], own[2 * pixels]};
         for (int k = 0; k < shared.count && behind.mean >= opaque; ++k) {
             const PassLayer& layer = shared.layers[k];
+            if (!layer.whole && layer.rows == 0) continue;
             const MapView map = view_of(a, layer, strip, words);
             float shown[4];
             if (layer.near) {
-                composite_near(map, row, column, behind, shown);
+                if (!composite_near(map, row, column, behind, shown)) continue;
             } else {
                 MapCell cell;
                 if (!read_map(map, row, column, -layer.slope * place[0], -layer.slope * place[1], cell)) continue;
@@ -517,8 +564,21 @@ FEWRAYS_INLINE void composite_pixel(const TilesArguments& a, const Patch& strip,
         for (int i = 0; i < 4 * a.layers; ++i) a.contributions[4 * pixel * a.layers + i] *= scale;
 }
 
-// Finds out which of the tile's layers have samples so close to a patch that it may see them.
-inline void find_layers(const TilesArguments& a, const Patch& patch, const Block& block, TilesShared& shared) {
+// Adds a block of pixels to where a layer's hits are.
+FEWRAYS_INLINE void add_hits_of(const SampleBox& box, const Patch& patch, float reach, HitBox& hits) {
+    // Far enough for any blur that is not a whole map's, and in range.
+    const auto pixels = [](float at) {
+        return static_cast<std::uint32_t>(std::fmin(std::fmax(at, 1.0f), 2.0f * far_off));
+    };
+    const auto left = static_cast<float>(patch.left), top = static_cast<float>(patch.top);
+    atomic_most(&hits.to_left, pixels(far_off - std::floor(box.x_min - reach - left)));
+    atomic_most(&hits.right, pixels(far_off + std::ceil(box.x_max + reach - left)));
+    atomic_most(&hits.to_top, pixels(far_off - std::floor(box.y_min - reach - top)));
+    atomic_most(&hits.bottom, pixels(far_off + std::ceil(box.y_max + reach - top)));
+}
+
+// Finds out where the patch may see hits of the tile's layers.
+inline void find_hits(const TilesArguments& a, const Patch& patch, const Block& block, TilesShared& shared) {
     const TileLayer* const found = a.tile_layers + static_cast<std::int64_t>(patch.tile) * a.layers;
     block.each([&](int thread) {
         if (thread == 0) shared.next = shared.farthest_around = 0;
@@ -527,9 +587,10 @@ inline void find_layers(const TilesArguments& a, const Patch& patch, const Block
         for (int i = thread; i < a.layers; i += tile_threads) {
             shared.slopes[i] = found[i].slope;
             shared.radii[i] = found[i].count > 0 ? found[i].radius : 0;
-            const PassLayer layer = pass_layer(a, shared, i, patch.rows, patch.columns);
-            shared.here[i] = found[i].count > 0 && layer.whole;
-            shared.around[i] = found[i].count > 0 && !layer.whole ? layer.catchment : 0.0f;
+            shared.hits[i] = {0, 0, 0, 0};
+            const PassLayer layer = pass_layer(a, shared, i);
+            const float cells = static_cast<float>(layer.around * layer.size);
+            shared.around[i] = found[i].count > 0 && !layer.whole ? cells + catchment(a, layer) : 0.0f;
             atomic_most(&shared.farthest_around, std::bit_cast<std::uint32_t>(shared.around[i]));
         }
     });
@@ -542,9 +603,10 @@ inline void find_layers(const TilesArguments& a, const Patch& patch, const Block
             const auto layer = static_cast<int>(i % a.layers);
             const std::int64_t at = range.block(a.survey, static_cast<int>(i / a.layers));
             const float around = shared.around[layer];
-            if (around > 0.0f && a.counts[at * a.layers + layer] > 0 &&
-                a.survey.boxes[at].meets(left - around, right + around, top - around, bottom + around))
-                shared.here[layer] = 1;
+            if (around <= 0.0f || a.counts[at * a.layers + layer] == 0) continue;
+            const SampleBox box = a.survey.boxes[at];
+            if (box.meets(left - around, right + around, top - around, bottom + around))
+                add_hits_of(box, patch, a.reaches[layer], shared.hits[layer]);
         }
     });
 }
@@ -554,7 +616,7 @@ inline void reconstruct_patch(const TilesArguments& a, const Patch& patch, const
     const TileLayer* const found = a.tile_layers + static_cast<std::int64_t>(patch.tile) * a.layers;
     const int pixels = a.patch * a.patch;
     float* const behind = a.behind + static_cast<std::int64_t>(block.x()) * (3 * a.part_count + 4) * pixels;
-    find_layers(a, patch, block, shared);
+    find_hits(a, patch, block, shared);
     bool last = false;
     for (bool first = true; !last; first = false) {
         block.each([&](int thread) {
@@ -565,7 +627,7 @@ inline void reconstruct_patch(const TilesArguments& a, const Patch& patch, const
             for (int i = thread; i < shared.count * 2 * most_taps; i += tile_threads) {
                 PassLayer& layer = shared.layers[i / (2 * most_taps)];
                 const int tap = i % (2 * most_taps), radius = shared.radii[layer.index];
-                if (tap >= layer.taps) continue;
+                if (layer.whole || tap >= layer.taps) continue;
                 const int beside = tap < radius ? radius - 1 - tap : tap - (layer.taps - radius);
                 layer.taps_of[tap] = found[layer.index].taps[beside];
             }
@@ -573,6 +635,9 @@ inline void reconstruct_patch(const TilesArguments& a, const Patch& patch, const
         for (int row = 0; row < patch.rows; row += shared.rows) {
             const Patch strip{patch.tile, patch.top + row, patch.left, std::min(shared.rows, patch.rows - row),
                               patch.columns};
+            block.each([&](int thread) {
+                if (thread < shared.count) lay_out(a, shared, patch, row, strip.rows, shared.layers[thread]);
+            });
             if (shared.words > 0) {
                 scatter(a, strip, block, words, shared);
                 filter(a, strip, block, words, shared);

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = ["KERNELS", "OWN_SHARED_BYTES", "patch_side", "reconstruct_image"]
 
-OWN_SHARED_BYTES = 14 << 10
+OWN_SHARED_BYTES = 20 << 10
 """Shared memory that `layered_tiles` has besides its bins, at most."""
 
 _MOST_LAYERS = 512
