@@ -14,7 +14,7 @@ namespace fewrays {
 
 constexpr float min_weight = 1e-12f;  // of a cell, below which no sample has said anything about it
 constexpr int map_channels = 5;       // how well a cell is known, opacity, and radiance times opacity
-constexpr int most_layers = 512;      // more than any options lead to
+constexpr int most_layers = 256;      // more than the thinnest layers are over all slopes there are
 constexpr int most_taps = 16;         // beside each other, of the blurs that a tile does by itself
 
 // Where the samples of a block of pixels lie, and what they are.

@@ -31,7 +31,7 @@ constexpr int tile_threads = 512, warp = 32;
 constexpr int most_together = 8;  // layers in a pass
 constexpr int share_steps = 256;  // in which hits are shared between the centres of two bins, where they are few
 constexpr int least_room = 6, color_bits = 30;
-constexpr int own_shared_bytes = 20 << 10;  // that the host leaves to TilesShared
+constexpr int own_shared_bytes = 12 << 10;  // that the host leaves to TilesShared
 constexpr int far_off = 1 << 20;            // pixels, farther than any hit of a layer that a patch has room for
 constexpr int block_bits = 24;  // of the number of a block of pixels, below bits for the layers that it matters to
 constexpr std::uint32_t block_mask = (1u << block_bits) - 1;

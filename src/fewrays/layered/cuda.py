@@ -29,15 +29,18 @@ from fewrays.layered.taps import TAPS_REACH, tap_count
 if TYPE_CHECKING:
     from fewrays.layered import LayeredOptions
 
-__all__ = ["KERNELS", "OWN_SHARED_BYTES", "patch_side", "reconstruct_image"]
+__all__ = ["KERNELS", "MOST_LAYERS", "OWN_SHARED_BYTES", "patch_side", "reconstruct_image"]
 
-OWN_SHARED_BYTES = 20 << 10
+OWN_SHARED_BYTES = 12 << 10
 """Shared memory that `layered_tiles` has besides its bins, at most."""
 
-_MOST_LAYERS = 512
+MOST_LAYERS = 256
+"""Layers that kernels have room for: more than slopes and `layer_spacing` can lead to."""
+
 _MOST_TAPS = 16
-_PATCHES = (32, 16)  # sides of a patch, in pixels
-_LEAST_ROWS = 4  # of a strip of a patch
+_PATCHES = (64, 32, 16)  # sides of a patch, in pixels
+_HALO = 20  # bins around a patch that the widest blur of full-size bins reads, on both sides together
+_LEAST_ROWS = 2  # of a strip of a patch
 _PLANES = 6  # words of a bin
 _WORKERS = 1024  # blocks of threads that share out the patches, at most
 _SLOPE_BITS = 30  # of a sum of slopes
@@ -198,7 +201,7 @@ def reconstruct_image(
     ends = machine.on_host(xp.stack([samples.depth.min(), samples.depth.max()]))
     size = (samples.height, samples.width, samples.spp)
     plan = Plan.for_depths(samples.lens, size, (float(ends[0]), float(ends[1])), **asdict(options))
-    assert plan.slabs.count <= _MOST_LAYERS
+    assert plan.slabs.count <= MOST_LAYERS
     words = (machine.shared_bytes - OWN_SHARED_BYTES) // 4
     patch = patch_side(machine.shared_bytes)
     survey = _survey(machine, samples, plan)
@@ -247,11 +250,12 @@ def reconstruct_image(
 def patch_side(shared_bytes: int) -> int:
     """Return the side of a patch in pixels, for the shared memory that a block can have.
 
-    The larger a patch, the fewer samples are read by several; a small one has room for several layers. Of
-    full-size bins, a blur reads up to 11 around a patch.
+    The larger, the fewer samples are read for several patches; but strips of a patch read them again as well,
+    so one layer of full-size bins is to have room in one piece.
     """
     words = (shared_bytes - OWN_SHARED_BYTES) // 4
-    return next((side for side in _PATCHES if 2 * _PLANES * (side + 22) ** 2 <= words), _PATCHES[-1])
+    fitting = (side for side in _PATCHES if _PLANES * (side + _HALO) * (side + _HALO + 1) <= words)
+    return next(fitting, _PATCHES[-1])
 
 
 def _farthest_part(plan: Plan) -> float:
