@@ -123,6 +123,8 @@ FEWRAYS_INLINE float read_known(const MapView& map, int row, int column) {
 FEWRAYS_INLINE bool read_map(const MapView& map, int row, int column, float x, float y, MapCell& cell) {
     const float left = std::floor(x), top = std::floor(y);
     const int i = map.row + row + static_cast<int>(top), j = map.column + column + static_cast<int>(left);
+    // Maps reach so far that their outermost cells are transparent, or so far that nothing looks beyond them.
+    if (i < -1 || i >= map.rows * map.size || j < -1 || j >= map.columns * map.size) return false;
     const bool shows = map.size == 1 ? read_cell(map, between_pixels(i, y - top, map.rows),
                                                  between_pixels(j, x - left, map.columns), cell)
                                      : read_cell(map, between_splines(i, y - top, map.rows, map.size),

@@ -27,7 +27,8 @@ namespace fewrays {
 
 constexpr float min_opacity = 1e-3f;  // of a pixel, below which it is empty
 constexpr float opaque = 1e-6f;       // of what shows through less, not even a light is seen
-constexpr int tile_threads = 512, warp = 32;
+constexpr int tile_threads = 480;     // as many as leave each the registers that compositing needs
+constexpr int warp = 32;
 constexpr int most_together = 8;  // layers in a pass
 constexpr int share_steps = 256;  // in which hits are shared between the centres of two bins, where they are few
 constexpr int least_room = 6, color_bits = 30;

@@ -100,7 +100,7 @@ _NEAR = Kernel(
 _TILES = Kernel(
     "layered_tiles",
     "layered_tiles",
-    512,
+    480,
     {
         **SAMPLE_FIELDS,
         **_BLOCKS,
