@@ -93,8 +93,8 @@ struct Patch {
     std::int32_t tile, top, left, rows, columns;
 };
 
-// Where the lens centre may see a layer's hits, as whole pixels behind a place `far_off` pixels before the patch's
-// corner, and for the first ones from there to behind the corner; all 0 where there are no hits.
+// How far to each side of the patch's corner the lens centre may see hits of a layer, in pixels. `far_off` is added, so
+// that larger numbers are farther and none is below 1; all are 0 where there are no hits.
 struct HitBox {
     std::uint32_t to_left, right, to_top, bottom;
 };
@@ -567,7 +567,6 @@ FEWRAYS_INLINE void composite_pixel(const TilesArguments& a, const Patch& strip,
 
 // Adds a block of pixels to where a layer's hits are.
 FEWRAYS_INLINE void add_hits_of(const SampleBox& box, const Patch& patch, float reach, HitBox& hits) {
-    // Far enough for any blur that is not a whole map's, and in range.
     const auto pixels = [](float at) {
         return static_cast<std::uint32_t>(std::fmin(std::fmax(at, 1.0f), 2.0f * far_off));
     };
