@@ -50,16 +50,19 @@ class TimedMachine:
         self._machine = machine
         self.xp = machine.xp
         self.cache_bytes = machine.cache_bytes
+        self.shared_bytes = machine.shared_bytes
         self.address = machine.address
         self.on_device = machine.on_device
         self.on_host = machine.on_host
         self.kernels: dict[str, list[tuple[Any, Any]]] = {}
 
-    def launch(self, kernel: Kernel, grid: tuple[int, int, int], **arguments: Any) -> None:
+    def launch(
+        self, kernel: Kernel, grid: tuple[int, int, int], *, shared_bytes: int = 0, **arguments: Any
+    ) -> None:
         """Start a kernel between two events."""
         before, after = _cupy().cuda.Event(), _cupy().cuda.Event()
         before.record()
-        self._machine.launch(kernel, grid, **arguments)
+        self._machine.launch(kernel, grid, shared_bytes=shared_bytes, **arguments)
         after.record()
         self.kernels.setdefault(kernel.name, []).append((before, after))
 

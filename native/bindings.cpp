@@ -180,7 +180,7 @@ NB_MODULE(_native, m) {
             "__init__",
             [](LayeredPlan* self, int tile, Array<const float, -1> boundaries, Array<const std::int32_t, -1> levels,
                int deepest_tile_level, Array<const float, -1> reaches, double pixel_variance, double aperture_variance,
-               double part_variance, Array<const float, -1, 3> parts, float interpolation, float full_weight,
+               double part_variance, Array<const float, -1, 3> parts, double interpolation, float full_weight,
                float seen, int finest_by_place) {
                 new (self) LayeredPlan{tile,
                                        static_cast<int>(levels.shape(0)),
@@ -188,12 +188,9 @@ NB_MODULE(_native, m) {
                                        levels.data(),
                                        deepest_tile_level,
                                        reaches.data(),
-                                       pixel_variance,
-                                       aperture_variance,
-                                       part_variance,
+                                       {pixel_variance, aperture_variance, part_variance, interpolation},
                                        static_cast<int>(parts.shape(0)),
                                        parts.data(),
-                                       interpolation,
                                        full_weight,
                                        seen,
                                        finest_by_place};

@@ -5,6 +5,8 @@
 #include <utility>
 
 #include "math/blur_taps.h"
+#include "math/layer_blur.h"
+#include "math/shared_hit.h"
 #include "separable_blur.h"
 #include "simd.h"
 
@@ -14,10 +16,7 @@ namespace {
 constexpr int batch_size = 2048;  // samples that are sorted by layer at a time
 constexpr int rows_at_once = 8;   // that are blurred, in cells
 constexpr int stray_bins = 16;
-constexpr int hit_channels = 4;                 // red, green, blue, count
-constexpr double magnified_variance = 0.25;     // of the quadratic B-spline that reads coarse maps, in bins²
-constexpr double bin_variance = 1.0 / 12.0;     // of the bin that a sample is rounded to, in bins²
-constexpr double shared_variance = 1.0 / 12.0;  // what sharing hits between bins adds to that
+constexpr int hit_channels = 4;  // red, green, blue, count
 constexpr float min_weight = 1e-12f;
 constexpr float tail = 4.0f;  // pixels around a layer's reach in which its samples still count
 
@@ -51,12 +50,6 @@ FEWRAYS_CLONES void hit_bins(const float* FEWRAYS_RESTRICT x, const float* FEWRA
         for (int i = 0; i < n; ++i) bins[i] = bin_of<true>(x[i] - c[i] * u[i], y[i] - c[i] * v[i], local, i);
     else
         for (int i = 0; i < n; ++i) bins[i] = bin_of<false>(x[i] - c[i] * u[i], y[i] - c[i] * v[i], local, i);
-}
-
-// In steps, none of which is zero: no bin gets a share that vanishes in rounding.
-FEWRAYS_INLINE float share_of(float fraction) {
-    constexpr float steps = 256.0f;
-    return (static_cast<float>(static_cast<std::int32_t>(fraction * steps)) + 0.5f) / steps;
 }
 
 // The first of the two by two bins of a coarse layer that a hit is shared between, and how far it lies towards the
@@ -124,12 +117,6 @@ FEWRAYS_CLONES void share(const float* FEWRAYS_RESTRICT color, const std::int32_
         for (int i = 0; i < 2 * hit_channels; ++i) above[i] += (1 - down[k]) * pair[i];
         for (int i = 0; i < 2 * hit_channels; ++i) below[i] += down[k] * pair[i];
     });
-}
-
-// A number from -1/2 to 1/2 that looks random, but is the sample's own.
-FEWRAYS_INLINE float scramble(float u) {
-    const float many = (u + 1.0f) * 719.37f;
-    return many - static_cast<float>(static_cast<std::int32_t>(many)) - 0.5f;
 }
 
 // Holes of coarse layers are scattered over as much of the bins, on average, as shared hits are: otherwise these would
@@ -266,7 +253,7 @@ LayerMaps::LayerMaps(const Samples& samples, const BlockLayers& blocks, const La
       plan_(plan),
       index_(samples, blocks.extents, blocks.block),
       lookup_(plan.boundaries, plan.layer_count - 1),
-      part_reach_(farthest_part(plan) + static_cast<float>(taps_reach * std::sqrt(plan.part_variance))),
+      part_reach_(farthest_part(plan) + static_cast<float>(taps_reach * std::sqrt(plan.widths.part))),
       key_(batch_size),
       place_(batch_size),
       color_(std::size_t{hit_channels} * batch_size, 1.0f),  // the count of a sample stays 1
@@ -310,26 +297,11 @@ std::vector<LayerTarget> LayerMaps::layers_near(const Rectangle& pixels, int fir
         target.bins_per_cell = target.near ? 1 << -level : 1;
         target.first_distance = target.near ? 0.5 : 0.0;
         target.cell = level > 0 ? static_cast<float>(1 << level) : 1.0f;
-        target.blur_variance = blur_variance(target);
+        target.blur_variance = layer_blur_variance(level, target.slope, plan_.widths);
         target.taps_beside = tap_count(target.blur_variance, target.first_distance);
         targets.push_back(std::move(target));
     }
     return targets;
-}
-
-// Wanted is the pixel filter's variance and that of the aperture, or of a part of it, at the layer's slope. Bins and
-// interpolation have each a share in it already.
-double LayerMaps::blur_variance(const LayerTarget& target) const {
-    const double slope2 = double{target.slope} * target.slope;
-    double variance = plan_.pixel_variance + slope2 * (target.near ? plan_.aperture_variance : plan_.part_variance);
-    if (target.near) {
-        variance *= target.bins_per_cell * target.bins_per_cell;
-    } else {
-        variance -= plan_.interpolation;
-        if (target.cell > 1.0f)
-            variance = variance / (double{target.cell} * target.cell) - magnified_variance - shared_variance;
-    }
-    return std::max(variance - bin_variance, 0.0);
 }
 
 std::vector<FilteredMap> LayerMaps::filter(std::vector<LayerTarget>& targets, float left, float top) {

@@ -85,7 +85,6 @@ public:
     std::vector<FilteredMap> filter(std::vector<LayerTarget>& targets, float left, float top);
 
 private:
-    double blur_variance(const LayerTarget& target) const;
     void scatter(const std::vector<LayerTarget>& targets, float left, float top);
     int deepest_layer(int block_row, int block_column) const;
     void sort_batch(int target_count, float left, float top);

@@ -521,7 +521,7 @@ private:
                        map.stride,
                        x - static_cast<float>(shift_x),
                        y - static_cast<float>(shift_y),
-                       -layer.slope * static_cast<float>(std::sqrt(plan_.part_variance))};
+                       -layer.slope * static_cast<float>(std::sqrt(plan_.widths.part))};
         for (int channel = 0; channel < channel_count; ++channel)
             view.channels[channel] = map.channel(channel) + std::ptrdiff_t{top + shift_y - place.top} * map.stride +
                                      left + shift_x - place.left;

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 
+#include "math/layer_blur.h"
 #include "samples.h"
 
 namespace fewrays {
@@ -14,12 +15,9 @@ struct LayeredPlan {
     const std::int32_t* levels;  // (layer_count): bins of 2^level pixels; below 0: near focus
     int deepest_tile_level;      // layers up to this level are filtered tile by tile, others as maps of the image
     const float* reaches;        // (layer_count): largest |slope| of a sample
-    double pixel_variance;       // of the pixel filter along one axis, in pixels²
-    double aperture_variance;    // of the aperture along one axis, in lens units²
-    double part_variance;        // of one of its parts
+    BlurWidths widths;
     int part_count;
-    const float* parts;   // (part_count, 3): centre (u, v) and weight
-    float interpolation;  // variance that reading maps between their cells adds along one axis, in cells²
+    const float* parts;  // (part_count, 3): centre (u, v) and weight
     // Shares of its samples from which on a bin has its full weight, and from which on it is certainly seen.
     float full_weight, seen;
     int finest_by_place;  // level from which on bins have weights of their own, whatever the samples in them

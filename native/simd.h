@@ -16,14 +16,17 @@
 #define FEWRAYS_INLINE __forceinline__
 #define FEWRAYS_RESTRICT __restrict__
 #define FEWRAYS_PREFETCH(address) static_cast<void>(address)
+#define FEWRAYS_UNROLL _Pragma("unroll")
 #elif defined(_MSC_VER)
 #define FEWRAYS_INLINE __forceinline
 #define FEWRAYS_RESTRICT __restrict
 #define FEWRAYS_PREFETCH(address) static_cast<void>(address)
+#define FEWRAYS_UNROLL
 #else
 #define FEWRAYS_INLINE inline __attribute__((always_inline))
 #define FEWRAYS_RESTRICT __restrict__
 #define FEWRAYS_PREFETCH(address) __builtin_prefetch(address)
+#define FEWRAYS_UNROLL
 #endif
 
 namespace fewrays {

@@ -46,7 +46,7 @@ def mi() -> ModuleType:
 def phases(monkeypatch: pytest.MonkeyPatch) -> PhasesMachine:
     """A machine that stands for a GPU, and that the package finds when it looks for one."""
     machine = PhasesMachine()
-    card = Device("phases on the processor", (9, 0), 1 << 30, 1, 48 << 10, machine.cache_bytes)
+    card = Device("phases on the processor", (9, 0), 1 << 30, 1, machine.shared_bytes, machine.cache_bytes)
     monkeypatch.setattr("fewrays.cuda.device.find_device", lambda: card)
     for module in (
         "fewrays.cuda.samples",

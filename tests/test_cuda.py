@@ -49,7 +49,7 @@ def test_every_kernel_is_described() -> None:
     described = {kernel.name for kernel in KERNELS}
     for program in source.PROGRAMS:
         text = (source.kernel_folder() / f"{program}.cu").read_text(encoding="utf-8")
-        written = set(re.findall(r"^FEWRAYS_KERNEL\((\w+),", text, re.MULTILINE))
+        written = set(re.findall(r"^FEWRAYS_KERNEL(?:_WITH_WORDS)?\((\w+),", text, re.MULTILINE))
         assert written == {kernel.name for kernel in KERNELS if kernel.program == program}
         assert written <= described
 
@@ -170,7 +170,7 @@ def test_orders_of_threads_show_what_a_missing_barrier_does(tmp_path: Path) -> N
         for order in range(3):
             values = np.zeros(32, np.int32)
             record = np.array([(address(values), barrier)], np.dtype([("a", "u8"), ("b", "i4")], align=True))
-            run(ctypes.c_void_p(address(record)), 1, 1, 1, order)
+            run(ctypes.c_void_p(address(record)), 1, 1, 1, order, 0)
             found.append(values.tolist())
         return found
 

@@ -13,20 +13,21 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from agreement import assert_agree
 from buffers import random_buffer
 from fewrays import Lens, SampleBuffer, SampleError
 from fewrays import reconstruct as reconstruct_with
-from fewrays.layered import regions
+from fewrays.layered import reference, regions
 from fewrays.layered.aperture import ApertureParts
 from fewrays.layered.plan import Plan
 from fewrays.layered.taps import gaussian_taps, tap_count
 from fewrays.lens import Aperture, Sampling
 from fewrays.method import Image
 from fewrays.samples import OFF_IMAGE
+from rounding import change_by_rounding
 
 reconstruct = partial(reconstruct_with, method="layered")
 
@@ -51,6 +52,13 @@ def assert_twins(actual: npt.ArrayLike, expected: npt.ArrayLike) -> None:
     layer's blur spreads it, but faintly; of tens of thousands of samples one or none does that.
     """
     assert_agree(actual, expected, tolerance=1e-5, flips=0.5, jump=0.03)
+
+
+def largest_number(samples: Any, layer: Any, window: Any, *_: Any) -> float:
+    """Return what positions in a layer's bins are computed from, at most, in pixels."""
+    return float(
+        np.abs(samples.xy).max(initial=0) + abs(layer.slope) + max(abs(window.left), abs(window.top))
+    )
 
 
 @pytest.fixture
@@ -112,6 +120,71 @@ class TestAgainstTheReference:
         off_image=st.sampled_from([0.0, 0.3]),
         seed=st.integers(0, 1000),
     )
+    @example(
+        height=15,
+        width=1,
+        spp=5,
+        aperture="disc",
+        sampling="gaussian",
+        blur=12.0,
+        sigma=0.25,
+        tile=27,
+        parts=13,
+        off_image=0.0,
+        seed=107,
+    )
+    @example(
+        height=14,
+        width=31,
+        spp=6,
+        aperture="gaussian",
+        sampling="disc",
+        blur=300.0,
+        sigma=0.22991000109938686,
+        tile=25,
+        parts=13,
+        off_image=0.0,
+        seed=592,
+    )
+    @example(
+        height=3,
+        width=8,
+        spp=1,
+        aperture="disc",
+        sampling="square",
+        blur=300.0,
+        sigma=0.25,
+        tile=35,
+        parts=7,
+        off_image=0.3,
+        seed=446,
+    )
+    @example(
+        height=16,
+        width=11,
+        spp=4,
+        aperture="disc",
+        sampling="square",
+        blur=60.0,
+        sigma=0.25,
+        tile=18,
+        parts=19,
+        off_image=0.0,
+        seed=895,
+    )
+    @example(
+        height=40,
+        width=18,
+        spp=1,
+        aperture="disc",
+        sampling="gaussian",
+        blur=12.0,
+        sigma=0.2,
+        tile=19,
+        parts=19,
+        off_image=0.3,
+        seed=142,
+    )
     def test_any_buffer(
         self,
         height: int,
@@ -128,11 +201,14 @@ class TestAgainstTheReference:
     ) -> None:
         lens = replace(lens_of(blur, aperture, sampling), sigma=sigma)
         samples = random_buffer(height, width, spp, lens, seed=seed, off_image=off_image)
-        expected = reconstruct(samples, device="reference", tile=tile, aperture_parts=parts)
+        by_reference = partial(reconstruct, samples, device="reference", tile=tile, aperture_parts=parts)
+        expected = by_reference()
         actual = reconstruct(samples, device="cpu", tile=tile, aperture_parts=parts)
-        # A sample that rounding puts into the neighbouring bin may be seen by every pixel of a tiny image, so
-        # the share is bounded on large buffers above.
-        assert_agree(actual, expected, tolerance=1e-4, flips=0.2 if height * width > 600 else 1.0, jump=0.5)
+        if not np.allclose(actual, expected, rtol=1e-5, atol=1e-5):
+            change = change_by_rounding(by_reference, (reference, "_scatter"), largest_number)
+            # As close to the kernel as samples that rounding puts into a neighbouring bin explain.
+            expected = np.clip(actual, expected - change, expected + change)
+        assert_agree(actual, expected, tolerance=1e-4, flips=0.01 if height * width > 600 else 1.0, jump=0.5)
         assert np.median(np.abs(actual - expected)) <= 1e-5 * max(1.0, float(np.abs(expected).max()))
 
     @pytest.mark.parametrize("sampling", ["disc", "square", "gaussian"])

@@ -1,14 +1,17 @@
 // Kernels as phases over the threads of a block, which run on a GPU and, for tests, on a CPU.
 //
-// A kernel is a function of its arguments, its block, and the memory that the block's threads share. What it does is
+// A kernel is a function of its arguments, its block, and the memory that the block's threads share: a structure, and
+// for some as many words besides as their launch asks for. What a kernel does is
 // divided into phases: block.each(phase) runs phase(thread) for every thread and returns when all are done. The GPU
 // runs them at once, with a barrier behind. The CPU runs one after the other, in an order that tests choose: a phase
 // that reads what another thread writes in the same phase shows by results that change with the order. Everything
 // outside of phases must be the same for all threads.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <cstring>
+#include <vector>
 
 #include "../math/host_device.h"
 
@@ -16,6 +19,12 @@ namespace fewrays {
 
 // For kernels whose threads share nothing.
 struct NothingShared {};
+
+// A word of memory that holds a whole number at one time and a fraction at another.
+union SharedWord {
+    std::uint32_t whole;
+    float real;
+};
 
 #ifdef __CUDACC__
 
@@ -48,6 +57,15 @@ struct Own {
     extern "C" __global__ void __launch_bounds__(threads) name(const __grid_constant__ Arguments arguments) { \
         __shared__ Shared shared;                                                                             \
         fewrays::run_##name(arguments, fewrays::Block{}, shared);                                             \
+    }
+
+// Of a kernel that takes more shared memory, of a size that its launch says: so much that a multiprocessor has room for
+// one block, which may have all registers.
+#define FEWRAYS_KERNEL_WITH_WORDS(name, threads, Arguments, Shared)                                              \
+    extern "C" __global__ void __launch_bounds__(threads, 1) name(const __grid_constant__ Arguments arguments) { \
+        extern __shared__ fewrays::SharedWord words[];                                                           \
+        __shared__ Shared shared;                                                                                \
+        fewrays::run_##name(arguments, fewrays::Block{}, shared, words);                                         \
     }
 
 #else
@@ -92,22 +110,31 @@ struct Own {
 
 // Runs all blocks of a grid. What threads share holds no zeros at first, as on a GPU.
 template <typename Arguments, typename Shared, typename Kernel>
-void run_grid(Kernel kernel, const Arguments& arguments, int threads, int columns, int rows, int layers, int order) {
+void run_grid(Kernel kernel, const Arguments& arguments, int threads, int columns, int rows, int layers, int order,
+              int shared_bytes) {
     static Shared shared;
+    std::vector<SharedWord> words(static_cast<std::size_t>(shared_bytes) / sizeof(SharedWord));
     const int count = columns * rows * layers;
     for (int i = 0; i < count; ++i) {
         const int at = in_order(i, count, order);
         std::memset(static_cast<void*>(&shared), 0xcd, sizeof shared);
-        kernel(arguments, Block(at % columns, at / columns % rows, at / columns / rows, threads, order), shared);
+        std::fill(words.begin(), words.end(), SharedWord{0xcdcdcdcd});
+        const Block block(at % columns, at / columns % rows, at / columns / rows, threads, order);
+        if constexpr (requires { kernel(arguments, block, shared, words.data()); })
+            kernel(arguments, block, shared, words.data());
+        else
+            kernel(arguments, block, shared);
     }
 }
 
-#define FEWRAYS_KERNEL(name, threads, Arguments, Shared)                                                              \
-    extern "C" void name(const Arguments* arguments, int columns, int rows, int layers, int order) {                  \
-        fewrays::run_grid<Arguments, Shared>(fewrays::run_##name, *arguments, threads, columns, rows, layers, order); \
-    }                                                                                                                 \
-    extern "C" int name##_threads() { return threads; }                                                               \
+#define FEWRAYS_KERNEL(name, threads, Arguments, Shared)                                                             \
+    extern "C" void name(const Arguments* arguments, int columns, int rows, int layers, int order, int bytes) {      \
+        fewrays::run_grid<Arguments, Shared>(fewrays::run_##name, *arguments, threads, columns, rows, layers, order, \
+                                             bytes);                                                                 \
+    }                                                                                                                \
+    extern "C" int name##_threads() { return threads; }                                                              \
     extern "C" int name##_argument_bytes() { return static_cast<int>(sizeof(Arguments)); }
+#define FEWRAYS_KERNEL_WITH_WORDS FEWRAYS_KERNEL
 
 #endif
 

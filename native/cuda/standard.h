@@ -27,6 +27,7 @@ inline float ceil(float x) { return ::ceilf(x); }
 inline double ceil(double x) { return ::ceil(x); }
 inline float exp(float x) { return ::expf(x); }
 inline double exp(double x) { return ::exp(x); }
+inline double exp2(double x) { return ::exp2(x); }
 inline float log(float x) { return ::logf(x); }
 inline double log(double x) { return ::log(x); }
 inline float log2(float x) { return ::log2f(x); }

@@ -71,25 +71,31 @@ class PhasesMachine:
         One of `ORDERS`.
     cache_bytes : int
         What the machine says of its cache.
+    shared_bytes : int
+        Shared memory that a block can have.
     """
 
     xp: Any = PoisonedNumPy()
 
-    def __init__(self, order: int = 0, cache_bytes: int = 50 << 20) -> None:
+    def __init__(self, order: int = 0, cache_bytes: int = 50 << 20, shared_bytes: int = 227 << 10) -> None:
         self.order = order
         self.cache_bytes = cache_bytes
+        self.shared_bytes = shared_bytes
         self.launches: list[str] = []
 
-    def launch(self, kernel: Kernel, grid: tuple[int, int, int], **arguments: Any) -> None:
+    def launch(
+        self, kernel: Kernel, grid: tuple[int, int, int], *, shared_bytes: int = 0, **arguments: Any
+    ) -> None:
         """Run a kernel."""
         library = compile_phases(kernel.program)
         assert getattr(library, f"{kernel.name}_threads")() == kernel.threads
         assert getattr(library, f"{kernel.name}_argument_bytes")() == kernel.layout.itemsize
         assert max(grid[1:]) <= 65535
+        assert shared_bytes <= self.shared_bytes
         record = kernel.pack(arguments, self.address)
         self.launches.append(kernel.name)
         run = getattr(library, kernel.name)
-        run(ctypes.c_void_p(record.ctypes.data), *grid, self.order)
+        run(ctypes.c_void_p(record.ctypes.data), *grid, self.order, shared_bytes)
 
     def address(self, array: Any) -> int:
         """Return where an array begins."""

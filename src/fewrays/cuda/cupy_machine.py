@@ -35,12 +35,19 @@ class CupyMachine:
     def __init__(self, device: Device) -> None:
         self.device = device
         self.cache_bytes = device.cache_bytes
+        self.shared_bytes = device.shared_bytes
 
-    def launch(self, kernel: Kernel, grid: tuple[int, int, int], **arguments: Any) -> None:
+    def launch(
+        self, kernel: Kernel, grid: tuple[int, int, int], *, shared_bytes: int = 0, **arguments: Any
+    ) -> None:
         """Start a kernel on the current stream; see `fewrays.cuda.machine.Machine.launch`."""
         record = kernel.pack(arguments, self.address)
-        if all(grid):
-            _module(kernel.program).get_function(kernel.name)(grid, (kernel.threads, 1, 1), (record,))
+        if not all(grid):
+            return
+        function = _module(kernel.program).get_function(kernel.name)
+        if shared_bytes > 0:
+            function.max_dynamic_shared_size_bytes = shared_bytes
+        function(grid, (kernel.threads, 1, 1), (record,), shared_mem=shared_bytes)
 
     def address(self, array: Any) -> int:
         """Return where an array begins in the card's memory."""

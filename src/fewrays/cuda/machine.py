@@ -25,7 +25,13 @@ class Machine(Protocol):
     def cache_bytes(self) -> int:
         """Size of the cache that all multiprocessors share, in bytes."""
 
-    def launch(self, kernel: Kernel, grid: tuple[int, int, int], **arguments: Any) -> None:
+    @property
+    def shared_bytes(self) -> int:
+        """Shared memory that a block of threads can have, in bytes."""
+
+    def launch(
+        self, kernel: Kernel, grid: tuple[int, int, int], *, shared_bytes: int = 0, **arguments: Any
+    ) -> None:
         """Start a kernel.
 
         Parameters
@@ -33,6 +39,8 @@ class Machine(Protocol):
         kernel : Kernel
         grid : (int, int, int)
             Blocks along x, y and z, the last two at most 65535; with none in all, nothing starts.
+        shared_bytes : int
+            Shared memory of each block besides what the kernel declares itself.
         **arguments
             Its fields, by name.
         """

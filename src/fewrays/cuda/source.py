@@ -13,7 +13,16 @@ from pathlib import Path
 
 __all__ = ["OPTIONS", "PROGRAMS", "kernel_folder", "program_text"]
 
-PROGRAMS = ("dynamic", "layered", "multiplane_assign", "multiplane_build", "multiplane_render", "temporal")
+PROGRAMS = (
+    "dynamic",
+    "layered_survey",
+    "layered_maps",
+    "layered_tiles",
+    "multiplane_assign",
+    "multiplane_build",
+    "multiplane_render",
+    "temporal",
+)
 """Files of kernels, by name, one for each method's stage."""
 
 OPTIONS = ("-std=c++20", "--device-as-default-execution-space")

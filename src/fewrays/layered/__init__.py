@@ -75,10 +75,15 @@ def _run(
 def _run_on_card(
     samples: SampleBuffer | DeviceSamples, options: LayeredOptions, execution: Execution
 ) -> Reconstruction:
-    require_option("aovs", execution.aovs, not execution.aovs, 'of False with device="cuda"')
     machine = require_machine()
     on_card = DeviceSamples.of_buffer(machine, samples) if isinstance(samples, SampleBuffer) else samples
-    return Reconstruction(execution.deliver(machine, cuda.reconstruct_image(machine, on_card, options)))
+    image, counts, contributions, plan = cuda.reconstruct_image(
+        machine, on_card, options, aovs=execution.aovs
+    )
+    if contributions is None:
+        return Reconstruction(execution.deliver(machine, image))
+    host = machine.on_host
+    return plan.reconstruction(execution.deliver(machine, image), host(counts), host(contributions))
 
 
 METHOD = Method(

@@ -1,8 +1,10 @@
-"""The layered method on a GPU: ``native/cuda/layered.cu``, launched.
+"""The layered method on a GPU: ``native/cuda/layered_*.cu``, launched.
 
-The whole image is one tile: a layer has one slope, the mean of all its samples, where the processor's kernels
-take that of the samples around each tile. One layer is made and composited after the other, so that the card
-holds the bins of one layer at a time. The host waits once, for the slopes of the layers.
+A survey finds out which layers every block of pixels has and where its samples lie; from that, each tile of
+the image gets its layers and their slopes, the same as on the processor. ``layered_tiles`` does the rest
+patch by patch, in the memory that a block of threads shares. Only layers whose blur is too wide for that get
+maps of the whole image beforehand (`fewrays.layered.cuda_maps`), and for them the host waits a second time;
+the first is for the depths.
 """
 
 from __future__ import annotations
@@ -15,182 +17,165 @@ import numpy as np
 import numpy.typing as npt
 
 from fewrays.cuda.kernel import Kernel
-from fewrays.cuda.machine import Machine, blocks_for
+from fewrays.cuda.machine import Machine
 from fewrays.cuda.samples import SAMPLE_FIELDS, DeviceSamples
+from fewrays.layered import cuda_maps
+from fewrays.layered.cuda_maps import WHOLE_MAP, WholeLayer
 from fewrays.layered.plan import FINEST_BY_PLACE, FULL_WEIGHT, SEEN, Plan
-from fewrays.layered.reference import blur_variance
-from fewrays.layered.taps import gaussian_taps, tap_count
+from fewrays.layered.reference import TAIL, blur_variance
+from fewrays.layered.regions import DEEPEST_TILE_LEVEL
+from fewrays.layered.taps import TAPS_REACH, tap_count
 
 if TYPE_CHECKING:
     from fewrays.layered import LayeredOptions
 
-__all__ = ["KERNELS", "reconstruct_image"]
+__all__ = ["KERNELS", "MOST_LAYERS", "OWN_SHARED_BYTES", "patch_side", "reconstruct_image"]
 
-_SAMPLES_EACH = 16  # that a thread assigns to layers
-_SLOPE_UNIT = 2.0**16
-_BIN_CHANNELS = 6
-_TALLY = np.dtype([("slopes", "i8"), ("count", "u4"), ("unused", "u4")])
+OWN_SHARED_BYTES = 12 << 10
+"""Shared memory that `layered_tiles` has besides its bins, at most."""
 
-_WINDOW = {
-    "left": "f4",
-    "top": "f4",
-    "cell": "f4",
-    "rows": "i4",
-    "columns": "i4",
-    "bins_per_cell": "i4",
-    "radius": "i4",
-}
-_ASSIGN = Kernel(
-    "layered",
-    "layered_assign",
+MOST_LAYERS = 256
+"""Layers that kernels have room for: more than slopes and `layer_spacing` can lead to."""
+
+_MOST_TAPS = 16
+_PATCHES = (64, 32, 16)  # sides of a patch, in pixels
+_HALO = 20  # bins around a patch that the widest blur of full-size bins reads, on both sides together
+_LEAST_ROWS = 2  # of a strip of a patch
+_PLANES = 6  # words of a bin
+_WORKERS = 1024  # blocks of threads that share out the patches, at most
+_SLOPE_BITS = 30  # of a sum of slopes
+
+_BOX = np.dtype([("extent", "f4", 4), ("brightest", "f4"), ("deepest", "i4")])
+_TILE_LAYER = np.dtype([("slope", "f4"), ("count", "u4"), ("radius", "i4"), ("taps", "f4", _MOST_TAPS)])
+
+_SURVEY = Kernel(
+    "layered_survey",
+    "layered_survey",
     256,
     {
         **SAMPLE_FIELDS,
         "boundaries": "*f4",
+        "reaches": "*f4",
         "layer_of": "*i2",
-        "tallies": "*u1",
-        "brightest": "*u4",
+        "boxes": "*u1",
+        "counts": "*u4",
+        "slopes": "*i4",
+        "farthest": "*u4",
         "layers": "i4",
         "height": "i4",
         "width": "i4",
+        "spp": "i4",
+        "side": "i4",
         "margin": "f4",
+        "slope_unit": "f4",
     },
 )
-_SCATTER = Kernel(
-    "layered",
-    "layered_scatter",
-    256,
+_BLOCKS = {"boxes": "*u1", "farthest": "*u4", "side": "i4", "block_rows": "i4", "block_columns": "i4"}
+_NEAR = Kernel(
+    "layered_survey",
+    "layered_near",
+    512,
+    {
+        **_BLOCKS,
+        "survey_padding": "i4",
+        "counts": "*u4",
+        "slopes": "*i4",
+        "reaches": "*f4",
+        "levels": "*i4",
+        "tile_layers": "*u1",
+        "brightest": "*f4",
+        "layer_counts": "*i4",
+        "pixel_variance": "f8",
+        "aperture_variance": "f8",
+        "part_variance": "f8",
+        "interpolation": "f8",
+        "layers": "i4",
+        "tile": "i4",
+        "tile_columns": "i4",
+        "part_reach": "f4",
+        "tail": "f4",
+        "slope_unit": "f4",
+    },
+)
+_TILES = Kernel(
+    "layered_tiles",
+    "layered_tiles",
+    480,
     {
         **SAMPLE_FIELDS,
+        **_BLOCKS,
+        "survey_padding": "i4",
         "layer_of": "*i2",
-        "bins": "*u8",
-        **_WINDOW,
-        "layer": "i4",
-        "slope": "f4",
-        "scale": "f4",
-    },
-)
-_FILTER = {
-    "bins": "*u8",
-    "weighed": "*f4",
-    "down": "*f4",
-    "map": "*f4",
-    "taps": "*f4",
-    **_WINDOW,
-    "by_place": "i4",
-    "full_weight": "f4",
-    "seen": "f4",
-    "by_chance": "f4",
-    "scale": "f4",
-}
-_WEIGH = Kernel("layered", "layered_weigh", 256, _FILTER)
-_BLUR_DOWN = Kernel("layered", "layered_blur_down", 256, _FILTER)
-_BLUR_ALONG = Kernel("layered", "layered_blur_along", 256, _FILTER)
-_COMPOSITE = Kernel(
-    "layered",
-    "layered_composite",
-    256,
-    {
-        "map": "*f4",
+        "counts": "*u4",
+        "levels": "*i4",
+        "reaches": "*f4",
+        "tile_layers": "*u1",
+        "brightest": "*f4",
+        "whole": "*u1",
+        "maps": "*f4",
         "parts": "*f4",
-        "visibility": "*f4",
-        "sums": "*f4",
+        "behind": "*f4",
+        "image": "*f4",
+        "contributions": "*f4",
+        "layers": "i4",
         "part_count": "i4",
         "height": "i4",
         "width": "i4",
-        "rows": "i4",
-        "columns": "i4",
-        "size": "i4",
-        "border": "i4",
-        "near": "i4",
-        "slope": "f4",
+        "spp": "i4",
+        "tile": "i4",
+        "patch": "i4",
+        "workers": "i4",
+        "words": "i4",
+        "finest_by_place": "i4",
         "part_sigma": "f4",
+        "farthest_part": "f4",
+        "full_weight": "f4",
+        "seen": "f4",
     },
 )
-_FINISH = Kernel("layered", "layered_finish", 256, {"sums": "*f4", "image": "*f4", "pixels": "i8"})
-KERNELS = (_ASSIGN, _SCATTER, _WEIGH, _BLUR_DOWN, _BLUR_ALONG, _COMPOSITE, _FINISH)
+KERNELS = (_SURVEY, _NEAR, *cuda_maps.KERNELS, _TILES)
 """All kernels of the method."""
 
 
-@dataclass(frozen=True)
-class _Layer:
-    """A layer, and the cells of its map.
+@dataclass(frozen=True, eq=False)
+class _Survey:
+    """What the card knows of blocks of pixels, in the names of ``SurveyArguments``."""
 
-    Parameters
-    ----------
-    index : int
-    slope : float
-        Of its samples, on average, in pixels per lens unit.
-    level : int
-        Bins of ``2**level`` pixels; below 0 it is near focus.
-    border : int
-        Pixels from the map's corner to the image's.
-    rows, columns : int
-        Of cells.
-    taps : ndarray
-        Of its blur, on one side of a cell's centre.
-    """
-
-    index: int
-    slope: float
-    level: int
-    border: int
+    side: int
     rows: int
     columns: int
-    taps: npt.NDArray[np.float64]
+    boxes: Any
+    counts: Any  # (blocks, layers)
+    slopes: Any  # (blocks, layers)
+    farthest: Any
+    layer_of: Any
+    reaches: Any
+    slope_unit: float
 
-    @classmethod
-    def of_plan(cls, plan: Plan, index: int, slope: float) -> _Layer:
-        """Lay out a layer's map around the image."""
-        level = int(plan.slabs.levels[index])
-        size = 2 ** max(level, 0)
-        around = 0
-        if level >= 0:
-            farthest = float(np.abs(plan.aperture.parts[:, :2]).max())
-            # What splines read on all sides of the pixels that some part of the aperture sees in the image.
-            wanted = math.ceil(farthest * abs(slope)) + 1 + (size if level > 0 else 0)
-            around = math.ceil(wanted / size)
-        variance = blur_variance(plan, level, slope)
-        first = 0.5 if level < 0 else 0.0
-        return cls(
-            index=index,
-            slope=slope,
-            level=level,
-            border=around * size,
-            rows=math.ceil(plan.height / size) + 2 * around,
-            columns=math.ceil(plan.width / size) + 2 * around,
-            taps=gaussian_taps(variance, first, tap_count(variance, first)),
-        )
-
-    @property
-    def size(self) -> int:
-        """Side of a cell in pixels."""
-        return int(2 ** max(self.level, 0))
-
-    @property
-    def bins_per_cell(self) -> int:
-        """Bins along the side of a cell."""
-        return int(2 ** max(-self.level, 0))
-
-    def window(self) -> dict[str, float]:
-        """Return ``LayerWindow``."""
+    def blocks(self) -> dict[str, Any]:
+        """Return ``Survey``, and the padding behind it."""
         return {
-            "left": -self.border,
-            "top": -self.border,
-            "cell": self.size,
-            "rows": self.rows,
-            "columns": self.columns,
-            "bins_per_cell": self.bins_per_cell,
-            "radius": len(self.taps),
+            "boxes": self.boxes,
+            "farthest": self.farthest,
+            "side": self.side,
+            "block_rows": self.rows,
+            "block_columns": self.columns,
+            "survey_padding": 0,
         }
 
-    def bins(self) -> tuple[int, int]:
-        """Return rows and columns of bins."""
-        around = 2 * len(self.taps)
-        return self.rows * self.bins_per_cell + around, self.columns * self.bins_per_cell + around
+
+@dataclass(frozen=True, eq=False)
+class _Tiles:
+    """What the card knows of tiles: ``TileLayer`` by tile and layer, largest radiance, number of layers."""
+
+    layers: Any
+    brightest: Any
+    counts: Any
 
 
-def reconstruct_image(machine: Machine, samples: DeviceSamples, options: LayeredOptions) -> Any:
+def reconstruct_image(
+    machine: Machine, samples: DeviceSamples, options: LayeredOptions, *, aovs: bool = False
+) -> tuple[Any, npt.NDArray[np.int32], Any, Plan]:
     """Reconstruct an image.
 
     Parameters
@@ -198,115 +183,191 @@ def reconstruct_image(machine: Machine, samples: DeviceSamples, options: Layered
     machine : Machine
     samples : DeviceSamples
     options : LayeredOptions
-        Its tile plays no part.
+    aovs : bool
+        Whether to find out what each layer contributes, and wait for it.
 
     Returns
     -------
-    array of float32, (H, W, 3)
+    image : array of float32, (H, W, 3)
         Radiance, on the card.
+    counts : array of int32, (tiles,)
+        Layers near each tile, on the card.
+    contributions : array of float32, (H, W, layers, 4), or None
+        Each layer's part of the image, radiance and opacity, on the card.
+    plan : Plan
+        Of the tiles and layers.
     """
     xp = machine.xp
     ends = machine.on_host(xp.stack([samples.depth.min(), samples.depth.max()]))
     size = (samples.height, samples.width, samples.spp)
     plan = Plan.for_depths(samples.lens, size, (float(ends[0]), float(ends[1])), **asdict(options))
-    layer_of, layers, scale = _assign(machine, samples, plan)
-    parts = machine.on_device(plan.aperture.parts, np.float32)
-    visibility = xp.zeros((len(parts), 3, plan.height, plan.width), np.float32)
-    visibility[:, 0] = 1.0
-    sums = xp.zeros((4, plan.height, plan.width), np.float32)
-    for layer in layers:
-        layer_map = _filter(machine, samples, layer_of, plan, layer, scale)
-        machine.launch(
-            _COMPOSITE,
-            (blocks_for(plan.height * plan.width, _COMPOSITE), 1, 1),
-            map=layer_map,
-            parts=parts,
-            visibility=visibility,
-            sums=sums,
-            part_count=len(parts),
-            height=plan.height,
-            width=plan.width,
-            rows=layer.rows,
-            columns=layer.columns,
-            size=layer.size,
-            border=layer.border,
-            near=layer.level < 0,
-            slope=layer.slope,
-            part_sigma=plan.aperture.sigma,
-        )
+    assert plan.slabs.count <= MOST_LAYERS
+    words = (machine.shared_bytes - OWN_SHARED_BYTES) // 4
+    patch = patch_side(machine.shared_bytes)
+    survey = _survey(machine, samples, plan)
+    tiles = _find_layers(machine, plan, survey)
+    whole, maps = _whole_maps(machine, samples, plan, survey, patch, words)
     image = xp.empty((plan.height, plan.width, 3), np.float32)
-    pixels = plan.height * plan.width
-    machine.launch(_FINISH, (blocks_for(pixels, _FINISH), 1, 1), sums=sums, image=image, pixels=pixels)
-    return image
-
-
-def _assign(machine: Machine, samples: DeviceSamples, plan: Plan) -> tuple[Any, list[_Layer], float]:
-    """Sort samples into layers: numbers on the card, those that there are, and a scale of radiance."""
-    xp, count = machine.xp, plan.slabs.count
-    layer_of = xp.empty(samples.count, np.int16)
-    tallies = xp.zeros(count * _TALLY.itemsize, np.uint8)
-    brightest = xp.zeros(1, np.uint32)
+    contributions = xp.zeros((plan.height, plan.width, plan.slabs.count, 4), np.float32) if aovs else None
+    parts = plan.aperture.parts
+    workers = min(plan.tile_count * (-(-plan.tile // patch)) ** 2, _WORKERS)
     machine.launch(
-        _ASSIGN,
-        (-(-samples.count // (_ASSIGN.threads * _SAMPLES_EACH)), 1, 1),
-        boundaries=machine.on_device(plan.slabs.boundaries, np.float32),
-        layer_of=layer_of,
-        tallies=tallies,
-        brightest=brightest,
-        layers=count,
+        _TILES,
+        (workers, 1, 1),
+        shared_bytes=4 * words,
+        layer_of=survey.layer_of,
+        counts=survey.counts,
+        levels=machine.on_device(plan.slabs.levels, np.int32),
+        reaches=survey.reaches,
+        tile_layers=tiles.layers,
+        brightest=tiles.brightest,
+        whole=whole,
+        maps=maps,
+        parts=machine.on_device(parts, np.float32),
+        behind=xp.empty((workers, 3 * len(parts) + 4, patch, patch), np.float32),
+        image=image,
+        contributions=contributions,
+        layers=plan.slabs.count,
+        part_count=len(parts),
         height=plan.height,
         width=plan.width,
-        margin=plan.survey_margin,
+        spp=plan.spp,
+        tile=plan.tile,
+        patch=patch,
+        workers=workers,
+        words=words,
+        finest_by_place=FINEST_BY_PLACE,
+        part_sigma=plan.aperture.sigma,
+        farthest_part=_farthest_part(plan),
+        full_weight=FULL_WEIGHT,
+        seen=SEEN,
+        **survey.blocks(),
         **samples.arguments(),
     )
-    found = machine.on_host(tallies).view(_TALLY)
-    largest = float(machine.on_host(brightest).view(np.float32)[0])
-    scale = 2.0 ** -math.frexp(largest)[1] if largest > 0 else 1.0
-    layers = [
-        _Layer.of_plan(
-            plan, index, float(found["slopes"][index]) / _SLOPE_UNIT / float(found["count"][index])
-        )
-        for index in np.flatnonzero(found["count"]).tolist()
-    ]
-    return layer_of, layers, scale
+    return image, tiles.counts, contributions, plan
 
 
-def _filter(
-    machine: Machine, samples: DeviceSamples, layer_of: Any, plan: Plan, layer: _Layer, scale: float
-) -> Any:
-    """Make the map of a layer, (5, rows, columns): `known`, opacity, and radiance times opacity."""
-    xp = machine.xp
-    rows, columns = layer.bins()
-    bins = xp.zeros((rows, columns, 5), np.uint64)
-    window = layer.window()
+def patch_side(shared_bytes: int) -> int:
+    """Return the side of a patch in pixels, for the shared memory that a block can have.
+
+    The larger, the fewer samples are read for several patches; but strips of a patch read them again as well,
+    so one layer of full-size bins is to have room in one piece.
+    """
+    words = (shared_bytes - OWN_SHARED_BYTES) // 4
+    fitting = (side for side in _PATCHES if _PLANES * (side + _HALO) * (side + _HALO + 1) <= words)
+    return next(fitting, _PATCHES[-1])
+
+
+def _farthest_part(plan: Plan) -> float:
+    return float(np.abs(plan.aperture.parts[:, :2]).max())
+
+
+def _survey(machine: Machine, samples: DeviceSamples, plan: Plan) -> _Survey:
+    """Find out which layers every block of pixels has, and where its samples lie."""
+    xp, side, layers = machine.xp, plan.survey_block, plan.slabs.count
+    rows, columns = -(-plan.height // side), -(-plan.width // side)
+    survey = _Survey(
+        side=side,
+        rows=rows,
+        columns=columns,
+        boxes=xp.empty(rows * columns * _BOX.itemsize, np.uint8),
+        counts=xp.empty((rows * columns, layers), np.uint32),
+        slopes=xp.empty((rows * columns, layers), np.int32),
+        farthest=xp.zeros(1, np.uint32),
+        layer_of=xp.empty(samples.count, np.int16),
+        reaches=machine.on_device(plan.slabs.reaches, np.float32),
+        slope_unit=2.0 ** (_SLOPE_BITS - math.ceil(math.log2(side * side * plan.spp))),
+    )
     machine.launch(
-        _SCATTER,
-        (blocks_for(samples.count, _SCATTER), 1, 1),
-        layer_of=layer_of,
-        bins=bins,
-        layer=layer.index,
-        slope=layer.slope,
-        scale=scale,
-        **window,
+        _SURVEY,
+        (columns, rows, 1),
+        boundaries=machine.on_device(plan.slabs.boundaries, np.float32),
+        reaches=survey.reaches,
+        layer_of=survey.layer_of,
+        boxes=survey.boxes,
+        counts=survey.counts,
+        slopes=survey.slopes,
+        farthest=survey.farthest,
+        layers=layers,
+        height=plan.height,
+        width=plan.width,
+        spp=plan.spp,
+        side=side,
+        margin=plan.survey_margin,
+        slope_unit=survey.slope_unit,
         **samples.arguments(),
     )
-    expected = plan.spp * (layer.size / layer.bins_per_cell) ** 2
-    layer_map = xp.empty((5, layer.rows, layer.columns), np.float32)
-    arguments = {
-        "bins": bins,
-        "weighed": xp.empty((_BIN_CHANNELS, rows, columns), np.float32),
-        "down": xp.empty((_BIN_CHANNELS, layer.rows, columns), np.float32),
-        "map": layer_map,
-        "taps": machine.on_device(layer.taps, np.float32),
-        "by_place": layer.level >= FINEST_BY_PLACE,
-        "full_weight": FULL_WEIGHT * expected,
-        "seen": SEEN * expected,
-        "by_chance": 1 - math.exp(-expected),
-        "scale": scale,
-        **window,
-    }
-    machine.launch(_WEIGH, (blocks_for(rows * columns, _WEIGH), 1, 1), **arguments)
-    down = blocks_for(layer.rows * columns, _BLUR_DOWN)
-    machine.launch(_BLUR_DOWN, (down, _BIN_CHANNELS, 1), **arguments)
-    machine.launch(_BLUR_ALONG, (blocks_for(layer.rows * layer.columns, _BLUR_ALONG), 1, 1), **arguments)
-    return layer_map
+    return survey
+
+
+def _find_layers(machine: Machine, plan: Plan, survey: _Survey) -> _Tiles:
+    """Find the layers that matter to each tile, their slopes and the taps of their blurs."""
+    xp, layers = machine.xp, plan.slabs.count
+    tiles = _Tiles(
+        layers=xp.empty(plan.tile_count * layers * _TILE_LAYER.itemsize, np.uint8),
+        brightest=xp.empty(plan.tile_count, np.float32),
+        counts=xp.empty(plan.tile_count, np.int32),
+    )
+    machine.launch(
+        _NEAR,
+        (plan.tile_count, 1, 1),
+        counts=survey.counts,
+        slopes=survey.slopes,
+        reaches=survey.reaches,
+        levels=machine.on_device(plan.slabs.levels, np.int32),
+        tile_layers=tiles.layers,
+        brightest=tiles.brightest,
+        layer_counts=tiles.counts,
+        pixel_variance=plan.pixel_variance,
+        aperture_variance=plan.aperture_variance,
+        part_variance=plan.aperture.sigma**2,
+        interpolation=plan.interpolation_variance,
+        layers=layers,
+        tile=plan.tile,
+        tile_columns=plan.tile_columns,
+        part_reach=_farthest_part(plan) + TAPS_REACH * plan.aperture.sigma,
+        tail=TAIL,
+        slope_unit=survey.slope_unit,
+        **survey.blocks(),
+    )
+    return tiles
+
+
+def _fits_a_patch(plan: Plan, index: int, patch: int, words: int) -> bool:
+    """Return whether a layer's bins around the least strip of a patch find room, whatever its slope."""
+    level, reach = int(plan.slabs.levels[index]), float(plan.slabs.reaches[index])
+    if level > DEEPEST_TILE_LEVEL:
+        return False
+    near, size, bins = level < 0, 2 ** max(level, 0), 2 ** max(-level, 0)
+    radius = tap_count(blur_variance(plan, level, reach), 0.5 if near else 0.0)
+    # A cell and a tap more than the largest slope needs, for what rounding may add to it.
+    around = 0 if near else math.ceil((_farthest_part(plan) * reach + 1) / size) + (size > 1) + 1
+    rows, columns = ((-(-side // size) + 2 * around) * bins + 2 * radius for side in (_LEAST_ROWS, patch))
+    planes = _PLANES - near
+    return radius < _MOST_TAPS and planes * rows * (columns + 1) <= words
+
+
+def _whole_maps(
+    machine: Machine, samples: DeviceSamples, plan: Plan, survey: _Survey, patch: int, words: int
+) -> tuple[Any, Any]:
+    """Make maps of the whole image for layers that no patch has room for: ``WholeMap`` of all, and values."""
+    table = np.zeros(plan.slabs.count, WHOLE_MAP)
+    too_wide = [index for index in range(plan.slabs.count) if not _fits_a_patch(plan, index, patch, words)]
+    made: list[Any] = []
+    if too_wide:
+        of_layers = machine.xp.stack(
+            [survey.counts[:, too_wide].sum(0, np.int64), survey.slopes[:, too_wide].sum(0, np.int64)]
+        )
+        brightest = survey.boxes.view(np.float32).reshape(-1, _BOX.itemsize // 4)[:, 4].max()
+        counts, slopes = machine.on_host(of_layers)
+        maker = cuda_maps.MapMaker(machine, samples, plan, survey.layer_of, float(machine.on_host(brightest)))
+        first = 0
+        for index, count, slope in zip(too_wide, counts.tolist(), slopes.tolist(), strict=True):
+            mean = slope / survey.slope_unit * float(plan.slabs.reaches[index]) / max(count, 1)
+            layer = WholeLayer.of_plan(plan, index, mean)
+            table[index] = (first, layer.rows, layer.columns, layer.border, 0)
+            if count:
+                made.append(maker.make(layer).ravel())
+                first += made[-1].size
+    values = machine.xp.concatenate(made) if made else machine.xp.empty(0, np.float32)
+    return machine.on_device(table.view(np.uint8), np.uint8), values

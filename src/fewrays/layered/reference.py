@@ -50,8 +50,8 @@ MAGNIFIED_VARIANCE = 1 / 4
 SHARED_VARIANCE = 1 / 12
 """What sharing a hit between the nearest bins adds to `BIN_VARIANCE` on average, in bins²."""
 
-SHARES = 256
-"""Steps in which a hit moves from bin to bin: no bin ever gets a share that vanishes in rounding."""
+LEAST_SHARE = 1 / 512
+"""Least share of a hit that a bin gets along an axis: none is so small that it could vanish in rounding."""
 
 TAIL = 4.0
 """Pixels around what a layer can reach in which its samples still count, for the pixel filter's sake."""
@@ -316,7 +316,8 @@ def _scatter(
 def _scramble(uv: Float64) -> Float64:
     """Return numbers from -1/2 to 1/2 that look random, but are the samples' own."""
     many = (uv.astype(np.float32) + np.float32(1)) * np.float32(719.37)
-    return np.asarray(many - np.trunc(many) - np.float32(0.5), np.float64)
+    # As whole numbers: kernels that fuse a product and a difference must find the same.
+    return ((many * np.float32(65536)).astype(np.int64) & 0xFFFF) / 65536 - 0.5
 
 
 def _share_hits(
@@ -325,7 +326,7 @@ def _share_hits(
     """Share hits between the four nearest bins, so that a light smaller than a bin keeps its place."""
     position = (at_center - (window.left, window.top)) / window.cell + radius - 0.5
     corner = np.floor(position)
-    towards = (np.floor((position - corner) * SHARES) + 0.5) / SHARES
+    towards = LEAST_SHARE + (1 - 2 * LEAST_SHARE) * (position - corner)
     hits = np.zeros((4, *shape))
     for step in itertools.product((0, 1), (0, 1)):
         bins = corner + step

@@ -27,9 +27,11 @@ def reconstruct_tiles(
 ) -> None:
     """Reconstruct all tiles into `image`, the number of layers into `counts` and the layers if asked for."""
     view = view_samples(samples)
+    # How far the ring of a tile that the image's edge cuts through may reach beyond that.
+    margin = float(plan.tile + plan.ring)
     extents = np.empty((-(-plan.height // _BLOCK), -(-plan.width // _BLOCK), 4), np.float32)
     map_ranges(
-        lambda first, last: _native.block_extents(view, _BLOCK, float(plan.ring), first, last, extents),
+        lambda first, last: _native.block_extents(view, _BLOCK, margin, first, last, extents),
         len(extents),
         execution,
         label="sorting",
