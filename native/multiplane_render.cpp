@@ -1,5 +1,7 @@
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <iterator>
 #include <memory>
 #include <vector>
 
@@ -9,36 +11,100 @@
 namespace fewrays {
 namespace {
 
-constexpr int lanes = 16;  // pixels that are composited at once
+constexpr int lanes = 16;  // pixels that are composited at once: half a block's row
+constexpr int margin = lanes;
+constexpr int sheet_columns = tile_columns + 2 * margin;
 constexpr int tile_pixels = tile_rows * tile_columns;
+constexpr int channels = 4;      // opacity, and radiance times opacity
 constexpr float opaque = 0.01f;  // transmittance below which what lies behind does not show
+static_assert(block_columns % lanes == 0);
 
-// What one view sees in a tile, front to back.
+// What one view sees in a tile, front to back. Blocks do not begin where tiles do: what they have beside the tile falls
+// into margins, so that they are read in whole halves and no pixel has to be left out.
 struct Sheet {
-    alignas(64) float transmittance[tile_pixels];
-    alignas(64) float color[3][tile_pixels];
+    alignas(64) float transmittance[tile_rows * sheet_columns];
+    alignas(64) float color[3][tile_rows * sheet_columns];
 };
 
-// Lays up to 16 pixels of a block behind what a view has seen so far.
-FEWRAYS_INLINE void lay_behind(const Half* FEWRAYS_RESTRICT block, const Taps& taps, std::ptrdiff_t channel,
-                               float scale, const float* FEWRAYS_RESTRICT mask, float* FEWRAYS_RESTRICT transmittance,
-                               float* FEWRAYS_RESTRICT red, float* FEWRAYS_RESTRICT green,
-                               float* FEWRAYS_RESTRICT blue) {
-    const Half* FEWRAYS_RESTRICT p0 = block + taps.at[0];
-    const Half* FEWRAYS_RESTRICT p1 = block + taps.at[1];
-    const Half* FEWRAYS_RESTRICT p2 = block + taps.at[2];
-    const Half* FEWRAYS_RESTRICT p3 = block + taps.at[3];
-    const float w0 = half_bias * taps.weights[0], w1 = half_bias * taps.weights[1];
-    const float w2 = half_bias * taps.weights[2], w3 = half_bias * taps.weights[3];
-    const auto read = [&](std::ptrdiff_t i) {
-        return w0 * half_bits(p0[i]) + w1 * half_bits(p1[i]) + w2 * half_bits(p2[i]) + w3 * half_bits(p3[i]);
-    };
-    for (std::ptrdiff_t i = 0; i < lanes; ++i) {
-        const float before = transmittance[i], through = before * mask[i], share = scale * through;
-        transmittance[i] = before - through * read(i);
-        red[i] += share * read(i + channel);
-        green[i] += share * read(i + 2 * channel);
-        blue[i] += share * read(i + 3 * channel);
+// How a view reads a plane's blocks: by four cells, which count (left, right) times (upper, lower).
+struct Reader {
+    const DepthPlane& plane;
+    const Taps& taps;
+    std::ptrdiff_t channel;  // from one channel's first map to the next one's
+    float left, right, upper, lower;
+
+    Reader(const DepthPlane& plane_, const Taps& taps_)
+        : plane(plane_),
+          taps(taps_),
+          channel(std::ptrdiff_t{map_size} * plane.cells * plane.cells),
+          left(half_bias * (taps.weights[0] + taps.weights[2])),
+          right(half_bias * (taps.weights[1] + taps.weights[3])),
+          upper(taps.weights[0] + taps.weights[1]),
+          lower(taps.weights[2] + taps.weights[3]) {}
+};
+
+// Numbers of so many pixels, by channel.
+struct Values {
+    alignas(64) float of[channels][lanes];
+};
+
+// The upper two cells of pixels, or the lower two, with what each of them counts.
+FEWRAYS_INLINE void read_pair(const Reader& from, const Half* FEWRAYS_RESTRICT first,
+                              const Half* FEWRAYS_RESTRICT second, Values& values) {
+    for (int c = 0; c < channels; ++c)
+        for (int i = 0; i < lanes; ++i)
+            values.of[c][i] = from.left * half_bits(first[c * from.channel + i]) +
+                              from.right * half_bits(second[c * from.channel + i]);
+}
+
+// Lays pixels behind what a view has seen so far.
+FEWRAYS_INLINE void lay_behind(const Reader& from, const Values& above, const Values& below, std::ptrdiff_t at,
+                               Sheet& sheet) {
+    float* FEWRAYS_RESTRICT transmittance = sheet.transmittance + at;
+    float* FEWRAYS_RESTRICT red = sheet.color[0] + at;
+    float* FEWRAYS_RESTRICT green = sheet.color[1] + at;
+    float* FEWRAYS_RESTRICT blue = sheet.color[2] + at;
+    const float scale = from.plane.scale, upper = from.upper, lower = from.lower;
+    for (int i = 0; i < lanes; ++i) {
+        const float before = transmittance[i], share = scale * before;
+        transmittance[i] = before - before * (upper * above.of[0][i] + lower * below.of[0][i]);
+        red[i] += share * (upper * above.of[1][i] + lower * below.of[1][i]);
+        green[i] += share * (upper * above.of[2][i] + lower * below.of[2][i]);
+        blue[i] += share * (upper * above.of[3][i] + lower * below.of[3][i]);
+    }
+}
+
+// Whether anything shows behind pixels. Positive numbers are in the order of their bits.
+FEWRAYS_INLINE bool shows_behind(const float* FEWRAYS_RESTRICT transmittance) {
+    std::int32_t most[lanes / 2];
+    for (int i = 0; i < lanes / 2; ++i) {
+        const auto a = std::bit_cast<std::int32_t>(transmittance[i]);
+        const auto b = std::bit_cast<std::int32_t>(transmittance[i + lanes / 2]);
+        most[i] = a > b ? a : b;
+    }
+    for (int half = lanes / 4; half > 0; half /= 2)
+        for (int i = 0; i < half; ++i) most[i] = most[i] > most[i + half] ? most[i] : most[i + half];
+    return most[0] >= std::bit_cast<std::int32_t>(opaque);
+}
+
+// Lays rows of half a block behind what a view has seen: from `block` on, to `at` in the sheet. Cells of a whole pixel
+// are read once, as the lower ones of a row and the upper ones of the next.
+template <bool whole_pixels>
+FEWRAYS_INLINE void lay_rows(const Reader& from, const Half* block, int rows, std::ptrdiff_t at, Sheet& sheet) {
+    const Half* cells[4] = {block + from.taps.at[0], block + from.taps.at[1], block + from.taps.at[2],
+                            block + from.taps.at[3]};
+    Values above, below;
+    bool known = false;
+    for (int j = 0; j < rows; ++j, at += sheet_columns) {
+        const bool shows = shows_behind(sheet.transmittance + at);
+        if (shows) {
+            if (!known) read_pair(from, cells[0], cells[1], above);
+            read_pair(from, cells[2], cells[3], below);
+            lay_behind(from, above, below, at, sheet);
+            if (whole_pixels) above = below;
+        }
+        known = whole_pixels && shows;
+        for (const Half*& cell : cells) cell += map_row;
     }
 }
 
@@ -46,34 +112,27 @@ FEWRAYS_INLINE void lay_behind(const Half* FEWRAYS_RESTRICT block, const Taps& t
 FEWRAYS_CLONES
 void lay_plane(const DepthPlane& plane, const std::int32_t* slots, const Half* halves, const Taps& taps, int tile_row,
                int tile_column, Sheet& sheet) {
-    const std::ptrdiff_t channel = std::ptrdiff_t{map_size} * plane.cells * plane.cells;
+    const Reader from(plane, taps);
     const int top = tile_row + taps.row, left = tile_column + taps.column;  // in the plane
     const int first_row = std::max(divide_down(top, block_rows), 0);
     const int last_row = std::min(divide_down(top + tile_rows - 1, block_rows), plane.rows - 1);
     const int first_column = std::max(divide_down(left, block_columns), 0);
     const int last_column = std::min(divide_down(left + tile_columns - 1, block_columns), plane.columns - 1);
     for (int row = first_row; row <= last_row; ++row) {
-        const int from = std::max(row * block_rows - top, 0), to = std::min((row + 1) * block_rows - top, tile_rows);
+        const int begin = std::max(row * block_rows - top, 0), end = std::min((row + 1) * block_rows - top, tile_rows);
         for (int column = first_column; column <= last_column; ++column) {
             const std::int32_t slot = slots[plane.first_slot + std::ptrdiff_t{row} * plane.columns + column];
             if (slot < 0) continue;
-            const Half* block = halves + half_padding + slot * unit_halves;
-            const int begin = std::max(column * block_columns - left, 0);
-            const int end = std::min((column + 1) * block_columns - left, tile_columns);
-            for (int i = begin / lanes * lanes; i < end; i += lanes) {
-                alignas(64) float mask[lanes];
-                for (int k = 0; k < lanes; ++k) mask[k] = i + k >= begin && i + k < end ? 1.0f : 0.0f;
-                for (int j = from; j < to; ++j) {
-                    const int at = j * tile_columns + i;
-                    float* transmittance = sheet.transmittance + at;
-                    float most = 0.0f;
-                    for (int k = 0; k < lanes; ++k) most = std::max(most, transmittance[k] * mask[k]);
-                    if (most < opaque) continue;
-                    const Half* place = block + std::ptrdiff_t{top + j - row * block_rows} * map_row +
-                                        (left + i - column * block_columns);
-                    lay_behind(place, taps, channel, plane.scale, mask, transmittance, sheet.color[0] + at,
-                               sheet.color[1] + at, sheet.color[2] + at);
-                }
+            const Half* block =
+                halves + half_padding + slot * unit_halves + std::ptrdiff_t{top + begin - row * block_rows} * map_row;
+            for (int half = 0; half < block_columns; half += lanes) {
+                const int to = column * block_columns + half - left;
+                if (to <= -lanes || to >= tile_columns) continue;
+                const std::ptrdiff_t at = begin * sheet_columns + margin + to;
+                if (plane.cells == 1)
+                    lay_rows<true>(from, block + half, end - begin, at, sheet);
+                else
+                    lay_rows<false>(from, block + half, end - begin, at, sheet);
             }
         }
     }
@@ -82,13 +141,16 @@ void lay_plane(const DepthPlane& plane, const std::int32_t* slots, const Half* h
 // Adds what a view has seen to the image; where it has seen less than a pixel's worth, that stands for all of it.
 FEWRAYS_CLONES
 void add_view(const Sheet& sheet, const float* FEWRAYS_RESTRICT weights, float* FEWRAYS_RESTRICT sums) {
-    for (int i = 0; i < tile_pixels; ++i) {
-        const float seen = 1.0f - sheet.transmittance[i];
-        const float scale = seen > 1e-3f ? weights[i] / seen : 0.0f;
-        sums[i] += scale * sheet.color[0][i];
-        sums[tile_pixels + i] += scale * sheet.color[1][i];
-        sums[2 * tile_pixels + i] += scale * sheet.color[2][i];
-        sums[3 * tile_pixels + i] += seen > 1e-3f ? weights[i] : 0.0f;
+    for (int row = 0; row < tile_rows; ++row, weights += tile_columns, sums += tile_columns) {
+        const int first = row * sheet_columns + margin;
+        for (int i = 0; i < tile_columns; ++i) {
+            const float seen = 1.0f - sheet.transmittance[first + i];
+            const float scale = seen > 1e-3f ? weights[i] / seen : 0.0f;
+            sums[i] += scale * sheet.color[0][first + i];
+            sums[tile_pixels + i] += scale * sheet.color[1][first + i];
+            sums[2 * tile_pixels + i] += scale * sheet.color[2][first + i];
+            sums[3 * tile_pixels + i] += seen > 1e-3f ? weights[i] : 0.0f;
+        }
     }
 }
 
@@ -166,8 +228,8 @@ void render_tile(const PlaneSet& set, const Blocks& blocks, const ViewSet& views
     const auto sheet = std::make_unique<Sheet>();
     for (int n = 0; n < views.count; ++n) {
         const float* view = views.views + std::ptrdiff_t{6} * n;
-        std::fill(sheet->transmittance, sheet->transmittance + tile_pixels, 1.0f);
-        std::fill(sheet->color[0], sheet->color[0] + 3 * tile_pixels, 0.0f);
+        std::fill(std::begin(sheet->transmittance), std::end(sheet->transmittance), 1.0f);
+        for (auto& channel : sheet->color) std::fill(std::begin(channel), std::end(channel), 0.0f);
         for (const int k : near) {
             const DepthPlane& plane = set.planes[k];
             const Shift shift = shift_of(plane, views.shrink[k], view);

@@ -13,19 +13,21 @@ constexpr int map_cells = (block_rows + 1) * (block_columns + 1);  // of one of 
 constexpr int most_reach = 32;                                     // cells; a wider Gaussian is cut off
 constexpr float least_opacity = 1.0f / 32.0f;                      // of a block that smoothing adds
 constexpr int region_cells = 192;                                  // of a region's sides, at most
+constexpr int strip = 32;                                          // cells whose sums are kept in registers
 
 // Cells [row, row + rows) x [column, column + columns) of a plane, as floats; 0 where it has no block.
 class Region {
 public:
     Region(int row_, int column_, int rows_, int columns_)
-        : row(row_), column(column_), rows(rows_), columns(columns_) {
-        values_.resize(static_cast<std::size_t>(block_channels) * size(), 0.0f);
+        : row(row_), column(column_), rows(rows_), stride((columns_ + strip - 1) / strip * strip), columns(columns_) {
+        values_.resize(block_channels * size(), 0.0f);
     }
 
-    std::size_t size() const { return static_cast<std::size_t>(rows) * static_cast<std::size_t>(columns); }
+    // Of a map, with what blurring spoils behind it.
+    std::size_t size() const { return static_cast<std::size_t>(rows + 1) * static_cast<std::size_t>(stride); }
     float* channel(int c) { return values_.data() + static_cast<std::size_t>(c) * size(); }
 
-    int row, column, rows, columns;
+    int row, column, rows, stride, columns;
 
 private:
     std::vector<float> values_;
@@ -64,7 +66,7 @@ void read_block(const Half* block, int block_row, int block_column, Region& regi
                     const int row = top + j * own + b;
                     if (row < 0 || row >= region.rows || begin >= end) continue;
                     const Half* from = map + j * (block_columns + 1) + begin;
-                    float* to = region.channel(c) + std::ptrdiff_t{row} * region.columns + left + a + begin * own;
+                    float* to = region.channel(c) + std::ptrdiff_t{row} * region.stride + left + a + begin * own;
                     if constexpr (factor == 2)
                         average_row(from, end - begin, to);
                     else
@@ -73,32 +75,33 @@ void read_block(const Half* block, int block_row, int block_column, Region& regi
             }
 }
 
-// Convolves rows [reach, rows - reach) of a map along columns; `taps` holds the middle one first.
-FEWRAYS_CLONES
-void blur_down(const float* FEWRAYS_RESTRICT map, int rows, int columns, const float* taps, int reach,
-               float* FEWRAYS_RESTRICT out) {
-    for (int i = reach; i < rows - reach; ++i) {
-        const float* middle = map + std::ptrdiff_t{i} * columns;
-        float* FEWRAYS_RESTRICT sums = out + std::ptrdiff_t{i} * columns;
-        for (int j = 0; j < columns; ++j) sums[j] = taps[0] * middle[j];
-        for (int k = 1; k <= reach; ++k) {
-            const float *above = middle - std::ptrdiff_t{k} * columns, *below = middle + std::ptrdiff_t{k} * columns;
-            for (int j = 0; j < columns; ++j) sums[j] += taps[k] * (above[j] + below[j]);
-        }
+// Sums of `strip` cells: the middle one times the first tap, and both that are k steps away times the k-th.
+FEWRAYS_INLINE void blur_strip(const float* FEWRAYS_RESTRICT middle, std::ptrdiff_t step,
+                               const float* FEWRAYS_RESTRICT taps, int reach, float* FEWRAYS_RESTRICT out) {
+    float sums[strip];
+    for (int j = 0; j < strip; ++j) sums[j] = taps[0] * middle[j];
+    for (int k = 1; k <= reach; ++k) {
+        const float *before = middle - k * step, *after = middle + k * step;
+        for (int j = 0; j < strip; ++j) sums[j] += taps[k] * (before[j] + after[j]);
     }
+    for (int j = 0; j < strip; ++j) out[j] = sums[j];
 }
 
-// The same along rows, columns [reach, columns - reach).
+// Cells [first_row, last_row) x [first_column, last_column) of a map with rows of `stride` cells, and how far apart are
+// those that are added up.
+struct Strips {
+    int first_row, last_row, first_column, last_column, stride;
+    std::ptrdiff_t step;
+};
+
+// Convolves cells with the Gaussian's taps, the middle one first. The last strip of a row spoils what follows on it.
 FEWRAYS_CLONES
-void blur_across(const float* FEWRAYS_RESTRICT map, int rows, int columns, const float* taps, int reach,
-                 float* FEWRAYS_RESTRICT out) {
-    for (int i = reach; i < rows - reach; ++i) {
-        const float* middle = map + std::ptrdiff_t{i} * columns;
-        float* FEWRAYS_RESTRICT sums = out + std::ptrdiff_t{i} * columns;
-        for (int j = reach; j < columns - reach; ++j) sums[j] = taps[0] * middle[j];
-        for (int k = 1; k <= reach; ++k)
-            for (int j = reach; j < columns - reach; ++j) sums[j] += taps[k] * (middle[j - k] + middle[j + k]);
-    }
+void blur(const float* map, const Strips& cells, const float* taps, int reach, float* out) {
+    for (int i = cells.first_row; i < cells.last_row; ++i)
+        for (int j = cells.first_column; j < cells.last_column; j += strip) {
+            const std::ptrdiff_t at = std::ptrdiff_t{i} * cells.stride + j;
+            blur_strip(map + at, cells.step, taps, reach, out + at);
+        }
 }
 
 std::vector<float> gaussian_taps(float sigma) {
@@ -151,13 +154,10 @@ Region read_region(const PlaneSet& set, const Half* halves, const DepthPlane& pl
 // Whether a block of a region holds anything to speak of.
 FEWRAYS_CLONES
 bool any_opacity(const float* opacity, int stride, int rows, int columns) {
-    float most = 0.0f;
+    int speaking = 0;
     for (int i = 0; i < rows; ++i)
-        for (int j = 0; j < columns; ++j) {
-            const float own = opacity[std::ptrdiff_t{i} * stride + j];
-            most = own > most ? own : most;
-        }
-    return most > least_opacity;
+        for (int j = 0; j < columns; ++j) speaking |= opacity[std::ptrdiff_t{i} * stride + j] > least_opacity;
+    return speaking != 0;
 }
 
 // Writes the blocks of a span. Places for blocks that the plane does not have are given up where next to nothing came.
@@ -172,11 +172,11 @@ void write_span(Region& region, const PlaneSet& set, const DepthPlane& plane, co
             const std::ptrdiff_t at = plane.first_slot + std::ptrdiff_t{row} * plane.columns + column;
             if (places[at] < 0) continue;
             const int top = row * height - region.row, left = column * width - region.column;
-            const float* corner = sources[0] + std::ptrdiff_t{top} * region.columns + left;
-            if (set.slots[at] < 0 && !any_opacity(corner, region.columns, height, width))
+            const float* corner = sources[0] + std::ptrdiff_t{top} * region.stride + left;
+            if (set.slots[at] < 0 && !any_opacity(corner, region.stride, height, width))
                 places[at] = -1;
             else
-                write_block<cells>(sources, region.columns, top, left,
+                write_block<cells>(sources, region.stride, top, left,
                                    smoothed + half_padding + places[at] * unit_halves);
         }
 }
@@ -198,8 +198,10 @@ void smooth(const PlaneSet& set, const Half* halves, float sigma, std::int32_t* 
             Region region = read_region<cells, factor>(set, halves, plane, span, reach);
             std::vector<float> spare(region.size());
             for (int c = 0; c < block_channels; ++c) {
-                blur_down(region.channel(c), region.rows, region.columns, taps.data(), reach, spare.data());
-                blur_across(spare.data(), region.rows, region.columns, taps.data(), reach, region.channel(c));
+                const Strips columns{reach, region.rows - reach, 0, region.columns, region.stride, region.stride};
+                const Strips inner{reach, region.rows - reach, reach, region.columns - reach, region.stride, 1};
+                blur(region.channel(c), columns, taps.data(), reach, spare.data());
+                blur(spare.data(), inner, taps.data(), reach, region.channel(c));
             }
             write_span<own>(region, set, plane, span, places, smoothed);
         }
