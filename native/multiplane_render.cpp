@@ -61,7 +61,7 @@ NearPlanes planes_near(const PlaneSet& set, const Blocks& blocks, const ViewSet&
     NearPlanes near;
     bool before_others = true;
     for (int k = 0; k < set.count; ++k) {
-        const bool is_halved = blocks.is_halved[k];
+        const bool is_halved = blocks.is_halved[k] != 0;
         const float scale = is_halved ? 0.5f : 1.0f;
         before_others = before_others && is_halved;
         if (is_near(set.planes[k], set.slots, is_halved ? halved : tile, scale * views.reach[2 * k],

@@ -268,7 +268,7 @@ void smooth(const PlaneSet& set, const Half* halves, float sigma, const SmoothCo
 void multiplane_smooth(const PlaneSet& set, const Half* halves, float sigma, const SmoothCopies& copies,
                        const PlanePart& part) {
     const int own = copies.planes[part.plane].cells;
-    const bool halved = copies.is_halved[part.plane];
+    const bool halved = copies.is_halved[part.plane] != 0;
     switch (set.planes[part.plane].cells) {
         case 1:
             if (halved) return smooth<1, 1, 2>(set, halves, sigma, copies, part);
