@@ -43,7 +43,7 @@ class RenderOptions(ApertureOptions):
 
     views: int = 128
     """Lens points, times and places that every pixel is the mean of: 64 for a draft, 256 for the last bit."""
-    smoothing: float = 0.32
+    smoothing: float = 0.29
     """Gaussian that widely blurred planes are smoothed with, in units of the distance that blur puts between
     neighbouring lens points; 0 for none."""
     pixel_filter: PixelFilterShape = "box"
