@@ -35,7 +35,8 @@ struct Window {
 
 // Whether any of a plane's blocks can be seen through a window by views that shift it so far at most.
 bool is_near(const DepthPlane& plane, const std::int32_t* slots, const Window& window, float reach_x, float reach_y) {
-    const int across = static_cast<int>(std::ceil(reach_x)) + 1, down = static_cast<int>(std::ceil(reach_y)) + 1;
+    const int across = static_cast<int>(std::ceil(within_image_reach(reach_x))) + 1;
+    const int down = static_cast<int>(std::ceil(within_image_reach(reach_y))) + 1;
     const int top = window.row - plane.top, left = window.column - plane.left;
     const int first_row = std::max(divide_down(top - down, block_rows), 0);
     const int last_row = std::min(divide_down(top + window.rows + down, block_rows), plane.rows - 1);

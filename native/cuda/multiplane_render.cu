@@ -85,7 +85,8 @@ inline bool is_near(const RenderArguments& a, int k, int tile_top, int tile_left
     const bool halved = is_halved(a, k);
     const int top = halved ? tile_top / 2 - 1 : tile_top, left = halved ? tile_left / 2 - 1 : tile_left;
     const int side = halved ? half_side : tile_side;
-    const int around = static_cast<int>(std::ceil(halved ? 0.5f * a.reach[k] : a.reach[k])) + 1;
+    const float reach = within_image_reach(halved ? 0.5f * a.reach[k] : a.reach[k]);
+    const int around = static_cast<int>(std::ceil(reach)) + 1;
     const int first_row = std::max((top - around - plane.top) >> block_row_bits, 0);
     const int last_row = std::min((top + side + around - plane.top) >> block_row_bits, plane.rows - 1);
     const int first_column = std::max((left - around - plane.left) >> block_column_bits, 0);
