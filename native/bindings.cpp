@@ -386,27 +386,32 @@ NB_MODULE(_native, m) {
     m.def(
         "multiplane_smooth",
         [](const DepthPlanes& planes, Array<const std::int32_t, -1> slots, Array<const Half, -1> halves,
-           Array<const float, -1> sigma, Array<const std::int32_t, -1> cells, Array<std::int32_t, -1> places,
-           Array<const std::int32_t, -1, 3> parts, int first, int last, Array<Half, -1> smoothed) {
+           Array<const float, -1> sigma, const DepthPlanes& copies, Array<const std::uint8_t, -1> is_halved,
+           Array<std::int32_t, -1> places, Array<const std::int32_t, -1, 3> parts, int first, int last,
+           Array<Half, -1> smoothed) {
+            const SmoothCopies to{copies.planes.data(), is_halved.data(), places.data(), smoothed.data()};
             for (int part = first; part < last; ++part) {
                 const std::int32_t* row = parts.data() + std::ptrdiff_t{3} * part;
-                multiplane_smooth(planes.with_slots(slots.data()), halves.data(), sigma.data()[row[0]],
-                                  cells.data()[row[0]], places.data(), {row[0], row[1], row[2]}, smoothed.data());
+                multiplane_smooth(planes.with_slots(slots.data()), halves.data(), sigma.data()[row[0]], to,
+                                  {row[0], row[1], row[2]});
             }
         },
-        "planes"_a, "slots"_a, "halves"_a, "sigma"_a, "cells"_a, "places"_a, "parts"_a, "first"_a, "last"_a,
-        "smoothed"_a, nb::call_guard<nb::gil_scoped_release>());
+        "planes"_a, "slots"_a, "halves"_a, "sigma"_a, "copies"_a, "is_halved"_a, "places"_a, "parts"_a, "first"_a,
+        "last"_a, "smoothed"_a, nb::call_guard<nb::gil_scoped_release>());
     m.def(
         "multiplane_render",
         [](const DepthPlanes& planes, Array<const std::int32_t, -1> slots, Array<const Half, -1> built,
-           Array<const Half, -1> smoothed, Array<const std::uint8_t, -1> is_smoothed, Array<const float, -1, 6> views,
-           Array<const float, -1> shrink, const FrontRim& rim, bool vignetted, bool darken, int first, int last,
+           Array<const Half, -1> smoothed, Array<const std::uint8_t, -1> is_smoothed,
+           Array<const std::uint8_t, -1> is_halved, Array<const float, -1, 6> views, Array<const float, -1> shrink,
+           Array<const float, -1, 2> reach, const FrontRim& rim, bool vignetted, bool darken, int first, int last,
            Array<float, -1, -1, 4> image) {
-            const ViewSet set{static_cast<int>(views.shape(0)), views.data(), shrink.data(), rim, vignetted, darken};
-            multiplane_render(planes.with_slots(slots.data()), {built.data(), smoothed.data(), is_smoothed.data()}, set,
-                              first, last,
+            const ViewSet set{
+                static_cast<int>(views.shape(0)), views.data(), shrink.data(), reach.data(), rim, vignetted, darken};
+            multiplane_render(planes.with_slots(slots.data()),
+                              {built.data(), smoothed.data(), is_smoothed.data(), is_halved.data()}, set, first, last,
                               {static_cast<int>(image.shape(0)), static_cast<int>(image.shape(1)), image.data()});
         },
-        "planes"_a, "slots"_a, "built"_a, "smoothed"_a, "is_smoothed"_a, nb::kw_only(), "views"_a, "shrink"_a, "rim"_a,
-        "vignetted"_a, "darken"_a, "first"_a, "last"_a, "image"_a, nb::call_guard<nb::gil_scoped_release>());
+        "planes"_a, "slots"_a, "built"_a, "smoothed"_a, "is_smoothed"_a, "is_halved"_a, nb::kw_only(), "views"_a,
+        "shrink"_a, "reach"_a, "rim"_a, "vignetted"_a, "darken"_a, "first"_a, "last"_a, "image"_a,
+        nb::call_guard<nb::gil_scoped_release>());
 }

@@ -53,16 +53,25 @@ struct PlanePart {
 void multiplane_build(const LightField& field, const std::int16_t* plane_of, const PlaneSet& set, const BuildPlan& plan,
                       const PlanePart& part, Half* halves);
 
-// Smooths the blocks of a part for which `places` has room, of `smoothed`; `places` is as `set.slots`. The Gaussian's
-// standard deviation is in pixels. The smoothed blocks have so many cells per pixel and axis: the plane's own, or one
-// where it has two. Places for blocks that the plane itself does not have become -1 where next to nothing comes.
-void multiplane_smooth(const PlaneSet& set, const Half* halves, float sigma, int cells, std::int32_t* places,
-                       const PlanePart& part, Half* smoothed);
+// Smoothed copies of planes. Those at half resolution have their slopes, motions and places in units of two pixels, and
+// one cell in each of these.
+struct SmoothCopies {
+    const DepthPlane* planes;
+    const std::uint8_t* is_halved;  // (planes,)
+    std::int32_t* places;           // of each block, as `PlaneSet::slots`; -1 where none is wanted
+    Half* halves;
+};
 
-// Where blocks are: planes are smoothed, or as they were built.
+// Smooths a part of a plane, in blocks of its copy. The Gaussian's standard deviation is in pixels. Places for blocks
+// that the plane itself does not have become -1 where next to nothing comes.
+void multiplane_smooth(const PlaneSet& set, const Half* halves, float sigma, const SmoothCopies& copies,
+                       const PlanePart& part);
+
+// Where blocks are: planes are smoothed copies, or as they were built.
 struct Blocks {
     const Half *built, *smoothed;
     const std::uint8_t* is_smoothed;  // (planes,)
+    const std::uint8_t* is_halved;    // (planes,): only planes in front of all others, and behind all others
 };
 
 // What every pixel is the mean of.
@@ -70,6 +79,7 @@ struct ViewSet {
     int count;
     const float* views;   // (count, 6): u, v, time, offset from the pixel's centre (x, y), weight
     const float* shrink;  // (planes,): scale of offsets and lens points, which makes up for the maps' own blur
+    const float* reach;   // (planes, 2): how far any view shifts a plane at most, in pixels (x, y)
     FrontRim rim;         // of the lens
     bool vignetted, darken;
 };
@@ -80,7 +90,7 @@ struct RenderTarget {
 };
 
 // Renders tiles [first, last), which are numbered row by row.
-constexpr int tile_rows = 16, tile_columns = 64;
+constexpr int tile_rows = 16, tile_columns = 128;
 void multiplane_render(const PlaneSet& set, const Blocks& blocks, const ViewSet& views, int first, int last,
                        const RenderTarget& target);
 

@@ -4,130 +4,72 @@
 #include <vector>
 
 #include "multiplane.h"
+#include "multiplane_sheet.h"
 #include "simd.h"
 
 namespace fewrays {
 namespace {
 
-constexpr int lanes = 16;  // pixels that are composited at once
 constexpr int tile_pixels = tile_rows * tile_columns;
-constexpr float opaque = 0.01f;  // transmittance below which what lies behind does not show
-
-// What one view sees in a tile, front to back.
-struct Sheet {
-    alignas(64) float transmittance[tile_pixels];
-    alignas(64) float color[3][tile_pixels];
-};
-
-// Lays up to 16 pixels of a block behind what a view has seen so far.
-FEWRAYS_INLINE void lay_behind(const Half* FEWRAYS_RESTRICT block, const Taps& taps, std::ptrdiff_t channel,
-                               float scale, const float* FEWRAYS_RESTRICT mask, float* FEWRAYS_RESTRICT transmittance,
-                               float* FEWRAYS_RESTRICT red, float* FEWRAYS_RESTRICT green,
-                               float* FEWRAYS_RESTRICT blue) {
-    const Half* FEWRAYS_RESTRICT p0 = block + taps.at[0];
-    const Half* FEWRAYS_RESTRICT p1 = block + taps.at[1];
-    const Half* FEWRAYS_RESTRICT p2 = block + taps.at[2];
-    const Half* FEWRAYS_RESTRICT p3 = block + taps.at[3];
-    const float w0 = half_bias * taps.weights[0], w1 = half_bias * taps.weights[1];
-    const float w2 = half_bias * taps.weights[2], w3 = half_bias * taps.weights[3];
-    const auto read = [&](std::ptrdiff_t i) {
-        return w0 * half_bits(p0[i]) + w1 * half_bits(p1[i]) + w2 * half_bits(p2[i]) + w3 * half_bits(p3[i]);
-    };
-    for (std::ptrdiff_t i = 0; i < lanes; ++i) {
-        const float before = transmittance[i], through = before * mask[i], share = scale * through;
-        transmittance[i] = before - through * read(i);
-        red[i] += share * read(i + channel);
-        green[i] += share * read(i + 2 * channel);
-        blue[i] += share * read(i + 3 * channel);
-    }
-}
-
-// Lays a plane behind what a view has seen of a tile so far.
-FEWRAYS_CLONES
-void lay_plane(const DepthPlane& plane, const std::int32_t* slots, const Half* halves, const Taps& taps, int tile_row,
-               int tile_column, Sheet& sheet) {
-    const std::ptrdiff_t channel = std::ptrdiff_t{map_size} * plane.cells * plane.cells;
-    const int top = tile_row + taps.row, left = tile_column + taps.column;  // in the plane
-    const int first_row = std::max(divide_down(top, block_rows), 0);
-    const int last_row = std::min(divide_down(top + tile_rows - 1, block_rows), plane.rows - 1);
-    const int first_column = std::max(divide_down(left, block_columns), 0);
-    const int last_column = std::min(divide_down(left + tile_columns - 1, block_columns), plane.columns - 1);
-    for (int row = first_row; row <= last_row; ++row) {
-        const int from = std::max(row * block_rows - top, 0), to = std::min((row + 1) * block_rows - top, tile_rows);
-        for (int column = first_column; column <= last_column; ++column) {
-            const std::int32_t slot = slots[plane.first_slot + std::ptrdiff_t{row} * plane.columns + column];
-            if (slot < 0) continue;
-            const Half* block = halves + half_padding + slot * unit_halves;
-            const int begin = std::max(column * block_columns - left, 0);
-            const int end = std::min((column + 1) * block_columns - left, tile_columns);
-            for (int i = begin / lanes * lanes; i < end; i += lanes) {
-                alignas(64) float mask[lanes];
-                for (int k = 0; k < lanes; ++k) mask[k] = i + k >= begin && i + k < end ? 1.0f : 0.0f;
-                for (int j = from; j < to; ++j) {
-                    const int at = j * tile_columns + i;
-                    float* transmittance = sheet.transmittance + at;
-                    float most = 0.0f;
-                    for (int k = 0; k < lanes; ++k) most = std::max(most, transmittance[k] * mask[k]);
-                    if (most < opaque) continue;
-                    const Half* place = block + std::ptrdiff_t{top + j - row * block_rows} * map_row +
-                                        (left + i - column * block_columns);
-                    lay_behind(place, taps, channel, plane.scale, mask, transmittance, sheet.color[0] + at,
-                               sheet.color[1] + at, sheet.color[2] + at);
-                }
-            }
-        }
-    }
-}
 
 // Adds what a view has seen to the image; where it has seen less than a pixel's worth, that stands for all of it.
 FEWRAYS_CLONES
-void add_view(const Sheet& sheet, const float* FEWRAYS_RESTRICT weights, float* FEWRAYS_RESTRICT sums) {
-    for (int i = 0; i < tile_pixels; ++i) {
-        const float seen = 1.0f - sheet.transmittance[i];
-        const float scale = seen > 1e-3f ? weights[i] / seen : 0.0f;
-        sums[i] += scale * sheet.color[0][i];
-        sums[tile_pixels + i] += scale * sheet.color[1][i];
-        sums[2 * tile_pixels + i] += scale * sheet.color[2][i];
-        sums[3 * tile_pixels + i] += seen > 1e-3f ? weights[i] : 0.0f;
+void add_view(const TileSheet& sheet, const float* FEWRAYS_RESTRICT weights, float* FEWRAYS_RESTRICT sums) {
+    for (int row = 0; row < tile_rows; ++row, weights += tile_columns, sums += tile_columns) {
+        const int first = row * TileSheet::stride + sheet_margin;
+        for (int i = 0; i < tile_columns; ++i) {
+            const float seen = 1.0f - sheet.transmittance[first + i];
+            const float scale = seen > 1e-3f ? weights[i] / seen : 0.0f;
+            sums[i] += scale * sheet.color[0][first + i];
+            sums[tile_pixels + i] += scale * sheet.color[1][first + i];
+            sums[2 * tile_pixels + i] += scale * sheet.color[2][first + i];
+            sums[3 * tile_pixels + i] += seen > 1e-3f ? weights[i] : 0.0f;
+        }
     }
 }
 
-// The planes that a tile's pixels can see from anywhere on the lens.
-std::vector<int> planes_near(const PlaneSet& set, const std::vector<float>& reach, int row, int column) {
-    std::vector<int> near;
+// The part of an image, or of one of half its resolution, that is looked at.
+struct Window {
+    int row, column, rows, columns;
+};
+
+// Whether any of a plane's blocks can be seen through a window by views that shift it so far at most.
+bool is_near(const DepthPlane& plane, const std::int32_t* slots, const Window& window, float reach_x, float reach_y) {
+    const int across = static_cast<int>(std::ceil(within_image_reach(reach_x))) + 1;
+    const int down = static_cast<int>(std::ceil(within_image_reach(reach_y))) + 1;
+    const int top = window.row - plane.top, left = window.column - plane.left;
+    const int first_row = std::max(divide_down(top - down, block_rows), 0);
+    const int last_row = std::min(divide_down(top + window.rows + down, block_rows), plane.rows - 1);
+    const int first_column = std::max(divide_down(left - across, block_columns), 0);
+    const int last_column = std::min(divide_down(left + window.columns + across, block_columns), plane.columns - 1);
+    for (int i = first_row; i <= last_row; ++i) {
+        const std::int32_t* own = slots + plane.first_slot + std::ptrdiff_t{i} * plane.columns;
+        if (std::any_of(own + first_column, own + std::max(last_column + 1, first_column),
+                        [](std::int32_t slot) { return slot >= 0; }))
+            return true;
+    }
+    return false;
+}
+
+// The planes that a tile's pixels can see from anywhere on the lens: those of half resolution that come before all
+// others, those of full resolution, and the rest.
+struct NearPlanes {
+    std::vector<int> front, middle, back;
+};
+
+NearPlanes planes_near(const PlaneSet& set, const Blocks& blocks, const ViewSet& views, const Window& tile,
+                       const Window& halved) {
+    NearPlanes near;
+    bool before_others = true;
     for (int k = 0; k < set.count; ++k) {
-        const DepthPlane& plane = set.planes[k];
-        const int around = static_cast<int>(std::ceil(reach[static_cast<std::size_t>(k)])) + 1;
-        const int first_row = std::max(divide_down(row - around - plane.top, block_rows), 0);
-        const int last_row = std::min(divide_down(row + tile_rows + around - plane.top, block_rows), plane.rows - 1);
-        const int first_column = std::max(divide_down(column - around - plane.left, block_columns), 0);
-        const int last_column =
-            std::min(divide_down(column + tile_columns + around - plane.left, block_columns), plane.columns - 1);
-        bool any = false;
-        for (int i = first_row; i <= last_row && !any; ++i) {
-            const std::int32_t* slots = set.slots + plane.first_slot + std::ptrdiff_t{i} * plane.columns;
-            any = std::any_of(slots + first_column, slots + std::max(last_column + 1, first_column),
-                              [](std::int32_t slot) { return slot >= 0; });
-        }
-        if (any) near.push_back(k);
+        const bool is_halved = blocks.is_halved[k] != 0;
+        const float scale = is_halved ? 0.5f : 1.0f;
+        before_others = before_others && is_halved;
+        if (is_near(set.planes[k], set.slots, is_halved ? halved : tile, scale * views.reach[2 * k],
+                    scale * views.reach[2 * k + 1]))
+            (before_others ? near.front : is_halved ? near.back : near.middle).push_back(k);
     }
     return near;
-}
-
-// The farthest that any view shifts each plane, in pixels.
-std::vector<float> reach_of_views(const PlaneSet& set, const ViewSet& views) {
-    std::vector<float> reach(static_cast<std::size_t>(set.count), 0.0f);
-    for (int k = 0; k < set.count; ++k) {
-        const DepthPlane& plane = set.planes[k];
-        for (int n = 0; n < views.count; ++n) {
-            const float* view = views.views + std::ptrdiff_t{6} * n;
-            const Shift shift = shift_of(plane, views.shrink[k], view);
-            float& farthest = reach[static_cast<std::size_t>(k)];
-            farthest =
-                std::max({farthest, std::fabs(within_image_reach(shift.x)), std::fabs(within_image_reach(shift.y))});
-        }
-    }
-    return reach;
 }
 
 // How much light of a view passes the lens's rim on its way to a pixel of a tile.
@@ -159,23 +101,54 @@ void weigh(const float* view, int row, int column, const ViewSet& views, const s
             weights[static_cast<std::size_t>(i)] *= passing_rim(view, row, column, i, views);
 }
 
-void render_tile(const PlaneSet& set, const Blocks& blocks, const ViewSet& views, const std::vector<int>& near, int row,
-                 int column, const RenderTarget& target) {
+// Lays planes behind what a view has seen so far of pixels from (row, column) on.
+template <class Sheet>
+void lay_planes(const PlaneSet& set, const Blocks& blocks, const float* shrink, const float* view,
+                const std::vector<int>& planes, int row, int column, Sheet& sheet) {
+    for (const int k : planes) {
+        const DepthPlane& plane = set.planes[k];
+        const Half* halves = blocks.is_smoothed[k] ? blocks.smoothed : blocks.built;
+        lay_plane(plane, set.slots, halves, taps_of(plane, shift_of(plane, shrink[k], view)), row, column, sheet);
+    }
+}
+
+// What a view sees of a tile.
+struct Sheets {
+    TileSheet tile;
+    HalfSheet halved;
+};
+
+void look(const PlaneSet& set, const Blocks& blocks, const ViewSet& views, const float* view, const NearPlanes& near,
+          const Window& tile, const Window& halved, Sheets& sheets) {
+    // Where the view looks in pixels of twice the size.
+    const float half_view[] = {view[0], view[1], view[2], 0.5f * view[3], 0.5f * view[4], view[5]};
+    sheets.tile.clear();
+    if (!near.front.empty()) {
+        sheets.halved.clear();
+        lay_planes(set, blocks, views.shrink, half_view, near.front, halved.row, halved.column, sheets.halved);
+        start_with(sheets.halved, sheets.tile);
+    }
+    lay_planes(set, blocks, views.shrink, view, near.middle, tile.row, tile.column, sheets.tile);
+    if (!near.back.empty()) {
+        sheets.halved.clear();
+        lay_planes(set, blocks, views.shrink, half_view, near.back, halved.row, halved.column, sheets.halved);
+        finish_with(sheets.halved, sheets.tile);
+    }
+}
+
+void render_tile(const PlaneSet& set, const Blocks& blocks, const ViewSet& views, int row, int column,
+                 const RenderTarget& target) {
+    const Window tile{row, column, tile_rows, tile_columns};
+    const Window halved{row / 2 - 1, column / 2 - 1, HalfSheet::rows, HalfSheet::columns};
+    const NearPlanes near = planes_near(set, blocks, views, tile, halved);
     std::vector<float> sums(4 * tile_pixels, 0.0f), weights(tile_pixels);
     const std::vector<float> passing = light_of_tile(views, row, column);
-    const auto sheet = std::make_unique<Sheet>();
+    const auto sheets = std::make_unique<Sheets>();
     for (int n = 0; n < views.count; ++n) {
         const float* view = views.views + std::ptrdiff_t{6} * n;
-        std::fill(sheet->transmittance, sheet->transmittance + tile_pixels, 1.0f);
-        std::fill(sheet->color[0], sheet->color[0] + 3 * tile_pixels, 0.0f);
-        for (const int k : near) {
-            const DepthPlane& plane = set.planes[k];
-            const Shift shift = shift_of(plane, views.shrink[k], view);
-            const Half* halves = blocks.is_smoothed[k] ? blocks.smoothed : blocks.built;
-            lay_plane(plane, set.slots, halves, taps_of(plane, shift), row, column, *sheet);
-        }
+        look(set, blocks, views, view, near, tile, halved, *sheets);
         weigh(view, row, column, views, passing, weights);
-        add_view(*sheet, weights.data(), sums.data());
+        add_view(sheets->tile, weights.data(), sums.data());
     }
     for (int i = 0; i < std::min(tile_rows, target.height - row); ++i)
         for (int j = 0; j < std::min(tile_columns, target.width - column); ++j) {
@@ -194,12 +167,9 @@ void render_tile(const PlaneSet& set, const Blocks& blocks, const ViewSet& views
 
 void multiplane_render(const PlaneSet& set, const Blocks& blocks, const ViewSet& views, int first, int last,
                        const RenderTarget& target) {
-    const std::vector<float> reach = reach_of_views(set, views);
     const int columns = (target.width + tile_columns - 1) / tile_columns;
-    for (int tile = first; tile < last; ++tile) {
-        const int row = tile / columns * tile_rows, column = tile % columns * tile_columns;
-        render_tile(set, blocks, views, planes_near(set, reach, row, column), row, column, target);
-    }
+    for (int tile = first; tile < last; ++tile)
+        render_tile(set, blocks, views, tile / columns * tile_rows, tile % columns * tile_columns, target);
 }
 
 }  // namespace fewrays

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -14,13 +15,13 @@ from fewrays import Lens, SampleBuffer, _native
 from fewrays.cuda.samples import DeviceSamples
 from fewrays.multiplane import MultiplaneOptions
 from fewrays.multiplane.build import build_maps
+from fewrays.multiplane.copies import Copies, copied_places
 from fewrays.multiplane.cuda.build import build_planes
 from fewrays.multiplane.cuda.planes import DevicePlanes
 from fewrays.multiplane.cuda.render import render_planes
 from fewrays.multiplane.cuda.smoothing import smooth_planes
 from fewrays.multiplane.maps import Maps
 from fewrays.multiplane.render import render_maps
-from fewrays.multiplane.smoothing import smooth_band, touched_places
 from fewrays.parallel import Execution
 from fewrays.samples import OFF_IMAGE
 from fewrays.sources.analytic import Plane, constant, disc, sample
@@ -94,8 +95,10 @@ def test_images_agree_with_the_cpu(kind: str, options: dict[str, Any]) -> None:
     ("kernel", "options"),
     [
         ("1_1", {"cells": 1}),
+        ("1_2", {"cells": 1, "smoothing": 0.6}),
         ("2_1", {"cells": 2, "fine_to": 100.0, "smoothing": 0.12}),
         ("2_2", {"cells": 2, "fine_to": 100.0}),
+        ("2_4", {"cells": 2, "fine_to": 100.0, "smoothing": 0.6}),
         ("3_1", {"cells": 3, "fine_to": 100.0}),
     ],
 )
@@ -123,32 +126,42 @@ def lights() -> SampleBuffer:
 
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize(
-    "kernel",
-    [("1_1", {"cells": 1}), ("2_2", {"cells": 2}), ("3_1", {"cells": 3, "fine_to": 100.0})],
-    ids=lambda kernel: kernel[0],
+    ("kernel", "cells", "from_sigma"),
+    [
+        ("1_1", 1, math.inf),
+        ("1_2", 1, 1.5),
+        ("2_2", 2, math.inf),
+        ("2_4", 2, 1.5),
+        ("3_1", 3, 1.5),
+    ],
 )
-def test_smoothing_reaches_the_blocks_around_as_on_the_cpu(order: int, kernel: tuple[str, Any]) -> None:
+def test_smoothing_reaches_the_blocks_around_as_on_the_cpu(
+    order: int, kernel: str, cells: int, from_sigma: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Into those that it brings something to, and no others, at every resolution."""
-    name, options = kernel
+    monkeypatch.setattr("fewrays.multiplane.copies._HALVED_SIGMA", from_sigma)
+    options: dict[str, Any] = {"cells": cells, "fine_to": 100.0 if cells == 3 else 2.0}
     maps = build_maps(lights(), MultiplaneOptions(**options), ONE_THREAD)
     where = MultiplaneOptions(views=16).locations(maps.lens)
     smoothing = MultiplaneOptions(views=16, smoothing=1.0).smoothing_of(
         maps.shear.slope, maps.grid.cells, maps.lens, where
     )
     everywhere = np.full(maps.plane_count, 1e4)
-    band = smooth_band(maps, smoothing, everywhere, (0, maps.height), ONE_THREAD)
+    copies = Copies.of_maps(maps, smoothing)
+    band = copies.smooth_band((0, maps.height), everywhere, ONE_THREAD)
     machine = PhasesMachine(order)
-    smoothed = smooth_planes(machine, DevicePlanes.of_maps(machine, maps), smoothing)
-    assert f"multiplane_smooth_{name}" in machine.launches
+    smoothed = smooth_planes(machine, DevicePlanes.of_maps(machine, maps), copies)
+    assert f"multiplane_smooth_{kernel}" in machine.launches
     np.testing.assert_array_equal(smoothed.slots, band.slots)
-    added = touched_places(maps, smoothing) & (maps.slots < 0)
+    own = copied_places(maps.slots >= 0, maps.grid, copies.grid, copies.is_halved)
+    added = copies.touched & ~own
     assert (added & (band.slots >= 0)).any()
     assert (added & (band.slots < 0)).any()
     for place in np.flatnonzero(band.slots >= 0):
-        plane = int(np.searchsorted(maps.grid.first_slot, place, side="right")) - 1
+        plane = int(np.searchsorted(copies.grid.first_slot, place, side="right")) - 1
         if smoothing.sigma[plane] > 0:
             on_card, on_host = block_of(
-                smoothed.texels, band.halves, int(band.slots[place]), int(smoothing.cells[plane])
+                smoothed.texels, band.halves, int(band.slots[place]), int(copies.grid.cells[plane])
             )
             np.testing.assert_allclose(on_card, on_host, rtol=2e-3, atol=2e-4)
 

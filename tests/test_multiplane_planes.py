@@ -16,7 +16,7 @@ from agreement import assert_agree
 from buffers import random_buffer
 from fewrays import Lens, Multiplane, SampleBuffer, SampleError, _native, reconstruct, save_image
 from fewrays.method import Image
-from fewrays.multiplane import smoothing
+from fewrays.multiplane import copies
 from fewrays.multiplane.slabs import SlabRule, assign_planes
 from fewrays.samples import OFF_IMAGE
 
@@ -107,7 +107,7 @@ class TestWhatMustNotMatter:
         """Planes may be smoothed for any number of rows at once."""
         samples = random_buffer(70, 40, 2, LENS)
         whole = render(samples, smoothing=1.0)
-        monkeypatch.setattr(smoothing, "_MOST_BYTES", 1)
+        monkeypatch.setattr(copies, "_MOST_BYTES", 1)
         np.testing.assert_array_equal(render(samples, smoothing=1.0), whole)
 
     def test_negative_radiance(self) -> None:

@@ -3,7 +3,7 @@
 // Smoothing: a block of threads makes one block of a smoothed plane, or gives up its place. Rendering: a block of
 // threads has a tile of the image and goes through all views, and in each through all planes that the tile can see,
 // front to back. What its pixels have seen stays in registers; where the view looks at each plane is worked out once
-// for all of them.
+// for all of them. Planes at half resolution are laid behind one another in shared memory, and then interpolated.
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -22,6 +22,7 @@ constexpr int tile_side = 32;  // pixels
 constexpr int render_threads = 256;
 constexpr int own_pixels = tile_side * tile_side / render_threads;  // of a thread: one column, every eighth row
 constexpr int rows_apart = render_threads / tile_side;
+constexpr int half_side = tile_side / 2 + 2;  // pixels of twice the size, with one around the tile
 constexpr int planes_at_once = 128;
 constexpr int most_planes = 32768;
 constexpr float opaque = 0.002f;     // transmittance below which what lies behind does not show
@@ -38,6 +39,7 @@ struct RenderArguments {
     float* image;        // (height, width, 4): radiance, and the share of the light that planes know
     FrontRim rim;
     std::int32_t count, view_count, height, width;
+    std::int32_t front_end, back_begin;  // planes before and from these on are at half resolution
     std::int32_t vignetted, darken;
 };
 
@@ -51,16 +53,20 @@ struct PlaneView {
     float scale;
 };
 
-struct RenderShared {
-    std::uint32_t near[most_planes / 32];  // a bit for every plane that the tile can see
-    std::uint32_t near_here;               // planes of those at hand
-    PlaneView views[planes_at_once];
+// What the view at hand sees.
+struct Seen {
+    float transmittance, color[3];
 };
 
-struct RenderPixel {
-    float transmittance, color[3];  // of the view at hand
-    float sums[3], seen;            // of all views so far
-    float light;                    // that passes the rim
+struct RenderShared {
+    std::uint32_t near[most_planes / 32];  // a bit for every plane that the tile can see
+    PlaneView views[planes_at_once];
+    Seen halved[half_side * half_side];
+};
+
+struct RenderPixel : Seen {
+    float sums[3], seen;  // of all views so far
+    float light;          // that passes the rim
 };
 
 struct RenderState {
@@ -71,14 +77,20 @@ struct RenderState {
 constexpr int block_row_bits = 3, block_column_bits = 5;
 static_assert(1 << block_row_bits == block_rows && 1 << block_column_bits == block_columns);
 
+inline bool is_halved(const RenderArguments& a, int k) { return k < a.front_end || k >= a.back_begin; }
+
 // Whether any view may see a block of the plane in the tile.
-inline bool is_near(const RenderArguments& a, int k, int top, int left) {
+inline bool is_near(const RenderArguments& a, int k, int tile_top, int tile_left) {
     const DepthPlane plane = a.planes[k];
-    const int around = static_cast<int>(std::ceil(a.reach[k])) + 1;
+    const bool halved = is_halved(a, k);
+    const int top = halved ? tile_top / 2 - 1 : tile_top, left = halved ? tile_left / 2 - 1 : tile_left;
+    const int side = halved ? half_side : tile_side;
+    const float reach = within_image_reach(halved ? 0.5f * a.reach[k] : a.reach[k]);
+    const int around = static_cast<int>(std::ceil(reach)) + 1;
     const int first_row = std::max((top - around - plane.top) >> block_row_bits, 0);
-    const int last_row = std::min((top + tile_side + around - plane.top) >> block_row_bits, plane.rows - 1);
+    const int last_row = std::min((top + side + around - plane.top) >> block_row_bits, plane.rows - 1);
     const int first_column = std::max((left - around - plane.left) >> block_column_bits, 0);
-    const int last_column = std::min((left + tile_side + around - plane.left) >> block_column_bits, plane.columns - 1);
+    const int last_column = std::min((left + side + around - plane.left) >> block_column_bits, plane.columns - 1);
     for (int row = first_row; row <= last_row; ++row)
         for (int column = first_column; column <= last_column; ++column)
             if (a.slots[plane.first_slot + row * plane.columns + column] >= 0) return true;
@@ -121,7 +133,7 @@ inline PlaneView view_of(const RenderArguments& a, int k, const float* view) {
 }
 
 // Lays a plane behind what a pixel has seen.
-inline void lay_behind(const PlaneView& plane, int row, int column, RenderPixel& pixel) {
+inline void lay_behind(const PlaneView& plane, int row, int column, Seen& pixel) {
     const int i = row + plane.row, j = column + plane.column;
     const int block_row = i >> block_row_bits, block_column = j >> block_column_bits;
     if (block_row < 0 || block_row >= plane.rows || block_column < 0 || block_column >= plane.columns) return;
@@ -162,6 +174,43 @@ inline void store(const RenderArguments& a, const RenderPixel& pixel, int row, i
     to[3] = light != 0.0f ? pixel.seen / light : 0.0f;
 }
 
+// Lays what a view sees at half resolution behind what a pixel of the tile has seen.
+inline void lay_halved_behind(const Seen* halved, int row, int column, RenderPixel& pixel) {
+    const int rows[] = {row / 2 + 1, row / 2 + (row % 2 ? 2 : 0)};
+    const int columns[] = {column / 2 + 1, column / 2 + (column % 2 ? 2 : 0)};
+    Seen sum{};
+    for (int k = 0; k < 4; ++k) {
+        const float weight = (k / 2 ? 0.25f : 0.75f) * (k % 2 ? 0.25f : 0.75f);
+        const Seen& own = halved[rows[k / 2] * half_side + columns[k % 2]];
+        sum.transmittance += weight * own.transmittance;
+        for (int c = 0; c < 3; ++c) sum.color[c] += weight * own.color[c];
+    }
+    for (int c = 0; c < 3; ++c) pixel.color[c] += pixel.transmittance * sum.color[c];
+    pixel.transmittance *= sum.transmittance;
+}
+
+// Calls lay(number of views) for every few of the planes [begin, end) that the tile can see, whose views are then in
+// shared memory. Returns whether there were any.
+template <typename Lay>
+inline bool each_planes(const RenderArguments& a, const Block& block, RenderShared& shared, const float* view,
+                        int begin, int end, const Lay& lay) {
+    bool any = false;
+    for (int first = begin / planes_at_once * planes_at_once; first < end; first += planes_at_once) {
+        const int last = std::min(end - first, planes_at_once), skipped = std::max(begin - first, 0);
+        const int before = near_before(shared, first, skipped);
+        const int here = near_before(shared, first, last) - before;
+        if (here == 0) continue;
+        block.each([&](int thread) {
+            if (thread < skipped || thread >= last) return;
+            if ((shared.near[(first + thread) / 32] >> ((first + thread) % 32) & 1u) == 0) return;
+            shared.views[near_before(shared, first, thread) - before] = view_of(a, first + thread, view);
+        });
+        lay(here);
+        any = true;
+    }
+    return any;
+}
+
 inline void run_multiplane_render(const RenderArguments& a, const Block& block, RenderShared& shared) {
     const int top = block.y() * tile_side, left = block.x() * tile_side;
     Own<RenderState, render_threads> states;
@@ -182,31 +231,45 @@ inline void run_multiplane_render(const RenderArguments& a, const Block& block, 
         for (int k = thread; k < a.count; k += render_threads)
             if (is_near(a, k, top, left)) atomic_set(&shared.near[k / 32], std::uint32_t{1} << (k % 32));
     });
+    const auto lay_halved = [&](const float* view, int begin, int end) {
+        if (begin >= end) return;
+        // Where the view looks in pixels of twice the size.
+        const float half_view[] = {view[0], view[1], view[2], 0.5f * view[3], 0.5f * view[4], view[5]};
+        block.each([&](int thread) {
+            for (int i = thread; i < half_side * half_side; i += render_threads) shared.halved[i] = {1.0f, {}};
+        });
+        const bool any = each_planes(a, block, shared, half_view, begin, end, [&](int count) {
+            block.each([&](int thread) {
+                for (int i = thread; i < half_side * half_side; i += render_threads) {
+                    Seen& pixel = shared.halved[i];
+                    const int row = top / 2 - 1 + i / half_side, column = left / 2 - 1 + i % half_side;
+                    for (int k = 0; k < count && pixel.transmittance >= opaque; ++k)
+                        lay_behind(shared.views[k], row, column, pixel);
+                }
+            });
+        });
+        if (!any) return;
+        block.each([&](int thread) {
+            each_pixel(thread, [&](RenderPixel& pixel, int row, int column) {
+                lay_halved_behind(shared.halved, row - top, column - left, pixel);
+            });
+        });
+    };
     for (int n = 0; n < a.view_count; ++n) {
         const float* const view = a.views + 6 * n;
-        for (int first = 0; first < a.count; first += planes_at_once) {
-            const int planes = std::min(planes_at_once, a.count - first), last_word = (first + planes - 1) / 32;
-            std::uint32_t any = 0;
-            for (int word = first / 32; word <= last_word; ++word) any |= shared.near[word];
-            if (any == 0 && first > 0) continue;
+        block.each([&](int thread) {
+            each_pixel(thread, [&](RenderPixel& pixel, int, int) { static_cast<Seen&>(pixel) = {1.0f, {}}; });
+        });
+        lay_halved(view, 0, a.front_end);
+        each_planes(a, block, shared, view, a.front_end, a.back_begin, [&](int count) {
             block.each([&](int thread) {
-                if (thread == 0) shared.near_here = static_cast<std::uint32_t>(near_before(shared, first, planes));
-                if (thread >= planes || (shared.near[(first + thread) / 32] >> ((first + thread) % 32) & 1u) == 0)
-                    return;
-                shared.views[near_before(shared, first, thread)] = view_of(a, first + thread, view);
-            });
-            block.each([&](int thread) {
-                if (first == 0)
-                    each_pixel(thread, [&](RenderPixel& pixel, int, int) {
-                        pixel.transmittance = 1.0f;
-                        for (float& channel : pixel.color) channel = 0.0f;
-                    });
-                for (std::uint32_t k = 0; k < shared.near_here; ++k)
+                for (int k = 0; k < count; ++k)
                     each_pixel(thread, [&](RenderPixel& pixel, int row, int column) {
                         if (pixel.transmittance >= opaque) lay_behind(shared.views[k], row, column, pixel);
                     });
             });
-        }
+        });
+        lay_halved(view, a.back_begin, a.count);
         block.each([&](int thread) {
             each_pixel(thread, [&](RenderPixel& pixel, int row, int column) { add_view(a, view, row, column, pixel); });
         });
@@ -223,7 +286,7 @@ constexpr int most_reach = 32;                 // cells; a wider Gaussian is cut
 constexpr float least_opacity = 1.0f / 32.0f;  // of a block that smoothing adds
 
 struct SmoothArguments {
-    const DepthPlane* planes;
+    const DepthPlane *planes, *copies;  // as they were built, and smoothed
     const std::int32_t* slots;   // of each place for a block, the number of its first map of `built`; -1 without one
     std::int32_t* places;        // the same of `smoothed`; becomes -1 where next to nothing comes and `built` has none
     const std::int32_t* blocks;  // numbers of the places that may have a smoothed block, in order
@@ -245,10 +308,12 @@ struct Stored<true> {
     using Number = float;  // means of halves are none
 };
 
-// A block of a plane with `cells` per pixel and axis, of which every `factor` times `factor` become one.
+// A block of a copy of a plane with `cells` per pixel and axis, of which every `factor` times `factor` become one:
+// `own` in every `pitch` pixels, which are the copy's unit.
 template <int cells, int factor>
 struct SmoothShared {
-    static constexpr int own = cells / factor;
+    static constexpr int own = factor > cells ? 1 : cells / factor;
+    static constexpr int pitch = own * factor / cells;
     static constexpr int rows = (block_rows + 1) * own, columns = map_row * own;  // that are made
     static constexpr int stride = columns + 2 * most_reach;
     std::int32_t plane, reach;
@@ -282,15 +347,25 @@ FEWRAYS_INLINE typename Stored<(factor > 1)>::Number mean_of(const SmoothArgumen
     }
 }
 
+// Whether the plane itself has something where a block of its copy is, whose corner is there in pixels.
+template <int pitch>
+inline bool has_own(const SmoothArguments& a, const DepthPlane& plane, int top, int left) {
+    const int first_row = (top - plane.top) >> block_row_bits, first_column = (left - plane.left) >> block_column_bits;
+    for (int row = std::max(first_row, 0); row < std::min(first_row + pitch, plane.rows); ++row)
+        for (int column = std::max(first_column, 0); column < std::min(first_column + pitch, plane.columns); ++column)
+            if (a.slots[plane.first_slot + row * plane.columns + column] >= 0) return true;
+    return false;
+}
+
 template <int cells, int factor>
 inline void smooth_block(const SmoothArguments& a, const Block& block, SmoothShared<cells, factor>& shared) {
     using Shared = SmoothShared<cells, factor>;
-    constexpr int own = Shared::own;
+    constexpr int own = Shared::own, pitch = Shared::pitch;
     const std::int32_t place = a.blocks[a.first_block + block.x()];
     block.each([&](int thread) {
         if (thread > 0) return;
-        shared.plane = plane_of_block(a.planes, a.count, place);
-        const float sigma = a.sigma[shared.plane] * static_cast<float>(own);
+        shared.plane = plane_of_block(a.copies, a.count, place);
+        const float sigma = a.sigma[shared.plane] * static_cast<float>(own) / static_cast<float>(pitch);
         shared.reach = std::min(static_cast<int>(std::ceil(3.0f * sigma)), most_reach);
         float total = 0.0f;
         for (int k = 0; k <= shared.reach; ++k) {
@@ -300,11 +375,14 @@ inline void smooth_block(const SmoothArguments& a, const Block& block, SmoothSha
         }
         for (int k = 0; k <= shared.reach; ++k) shared.taps[k] /= total;
     });
-    const DepthPlane plane = a.planes[shared.plane];
-    const int number = place - plane.first_slot, reach = shared.reach;
-    const int top = number / plane.columns * block_rows * own, left = number % plane.columns * block_columns * own;
+    const DepthPlane plane = a.planes[shared.plane], copy = a.copies[shared.plane];
+    const int number = place - copy.first_slot, reach = shared.reach;
+    const int top_pixel = copy.top + number / copy.columns * block_rows;
+    const int left_pixel = copy.left + number % copy.columns * block_columns;
+    // In cells of the copy, from the plane's corner.
+    const int top = top_pixel * own - plane.top * own / pitch, left = left_pixel * own - plane.left * own / pitch;
     const int rows = Shared::rows + 2 * reach, columns = Shared::columns + 2 * reach;
-    const bool added = a.slots[place] < 0;
+    const bool added = !has_own<pitch>(a, plane, top_pixel * pitch, left_pixel * pitch);
     HalfTexel* const to = a.smoothed + static_cast<std::int64_t>(a.places[place]) * map_size;
     for (int channel = 0; channel < 4; ++channel) {
         block.each([&](int thread) {
@@ -344,6 +422,8 @@ inline void smooth_block(const SmoothArguments& a, const Block& block, SmoothSha
     }
 }
 
+using SmoothShared12 = SmoothShared<1, 2>;
+using SmoothShared24 = SmoothShared<2, 4>;
 using SmoothShared11 = SmoothShared<1, 1>;
 using SmoothShared21 = SmoothShared<2, 1>;
 using SmoothShared22 = SmoothShared<2, 2>;
@@ -352,6 +432,12 @@ using SmoothShared31 = SmoothShared<3, 1>;
 // By cells per pixel of the plane, and how many of them become one along each axis.
 inline void run_multiplane_smooth_1_1(const SmoothArguments& a, const Block& block, SmoothShared11& shared) {
     smooth_block<1, 1>(a, block, shared);
+}
+inline void run_multiplane_smooth_1_2(const SmoothArguments& a, const Block& block, SmoothShared12& shared) {
+    smooth_block<1, 2>(a, block, shared);
+}
+inline void run_multiplane_smooth_2_4(const SmoothArguments& a, const Block& block, SmoothShared24& shared) {
+    smooth_block<2, 4>(a, block, shared);
 }
 inline void run_multiplane_smooth_2_1(const SmoothArguments& a, const Block& block, SmoothShared21& shared) {
     smooth_block<2, 1>(a, block, shared);
@@ -367,6 +453,8 @@ inline void run_multiplane_smooth_3_1(const SmoothArguments& a, const Block& blo
 
 FEWRAYS_KERNEL(multiplane_render, fewrays::render_threads, fewrays::RenderArguments, fewrays::RenderShared)
 FEWRAYS_KERNEL(multiplane_smooth_1_1, fewrays::smooth_threads, fewrays::SmoothArguments, fewrays::SmoothShared11)
+FEWRAYS_KERNEL(multiplane_smooth_1_2, fewrays::smooth_threads, fewrays::SmoothArguments, fewrays::SmoothShared12)
+FEWRAYS_KERNEL(multiplane_smooth_2_4, fewrays::smooth_threads, fewrays::SmoothArguments, fewrays::SmoothShared24)
 FEWRAYS_KERNEL(multiplane_smooth_2_1, fewrays::smooth_threads, fewrays::SmoothArguments, fewrays::SmoothShared21)
 FEWRAYS_KERNEL(multiplane_smooth_2_2, fewrays::smooth_threads, fewrays::SmoothArguments, fewrays::SmoothShared22)
 FEWRAYS_KERNEL(multiplane_smooth_3_1, fewrays::smooth_threads, fewrays::SmoothArguments, fewrays::SmoothShared31)

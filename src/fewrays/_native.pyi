@@ -431,7 +431,7 @@ BLOCK_COLUMNS: int = 32
 
 TILE_ROWS: int = 16
 
-TILE_COLUMNS: int = 64
+TILE_COLUMNS: int = 128
 
 UNIT_HALVES: int = 1188
 
@@ -488,7 +488,8 @@ def multiplane_smooth(
     slots: Annotated[NDArray[numpy.int32], dict(shape=(None,), order="C", device="cpu", writable=False)],
     halves: Annotated[NDArray[numpy.uint16], dict(shape=(None,), order="C", device="cpu", writable=False)],
     sigma: Annotated[NDArray[numpy.float32], dict(shape=(None,), order="C", device="cpu", writable=False)],
-    cells: Annotated[NDArray[numpy.int32], dict(shape=(None,), order="C", device="cpu", writable=False)],
+    copies: DepthPlanes,
+    is_halved: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order="C", device="cpu", writable=False)],
     places: Annotated[NDArray[numpy.int32], dict(shape=(None,), order="C", device="cpu")],
     parts: Annotated[NDArray[numpy.int32], dict(shape=(None, 3), order="C", device="cpu", writable=False)],
     first: int,
@@ -503,9 +504,11 @@ def multiplane_render(
     is_smoothed: Annotated[
         NDArray[numpy.uint8], dict(shape=(None,), order="C", device="cpu", writable=False)
     ],
+    is_halved: Annotated[NDArray[numpy.uint8], dict(shape=(None,), order="C", device="cpu", writable=False)],
     *,
     views: Annotated[NDArray[numpy.float32], dict(shape=(None, 6), order="C", device="cpu", writable=False)],
     shrink: Annotated[NDArray[numpy.float32], dict(shape=(None,), order="C", device="cpu", writable=False)],
+    reach: Annotated[NDArray[numpy.float32], dict(shape=(None, 2), order="C", device="cpu", writable=False)],
     rim: FrontRim,
     vignetted: bool,
     darken: bool,

@@ -51,7 +51,7 @@ class BuildOptions:
     fewer than three samples per pixel."""
     fine_to: float = 2.0
     """Blur radius in pixels up to which planes count as in focus."""
-    memory: float = 1350.0
+    memory: float = 1250.0
     """Megabytes (2^20 bytes) for planes; beyond, those with most blur have one cell per pixel."""
     prior: float = 0.2
     """Rays that the estimate of a cell's neighbourhood counts as."""

@@ -35,6 +35,7 @@ import numpy.typing as npt
 
 from fewrays.lens import Lens
 from fewrays.multiplane.build import BuildOptions, lay_out
+from fewrays.multiplane.copies import gaussians, halved_planes
 from fewrays.multiplane.maps import BLOCK, Shear
 from fewrays.multiplane.render import RenderOptions, shrink_of
 from fewrays.multiplane.slabs import assign_planes
@@ -75,8 +76,8 @@ class Plane:
         Pixels by which it moves over the screen per lens unit.
     motion : ndarray, (2,)
         Pixels by which it moves while the shutter is open.
-    cells : int
-        Per pixel and axis.
+    cells : float
+        Per pixel and axis: a whole number, or a half for a smoothed copy.
     corner : ndarray, (2,)
         Image position (x, y) of the corner of the map's first cell, in pixels.
     kept : ndarray of bool, (R, C)
@@ -87,7 +88,7 @@ class Plane:
 
     slope: float
     motion: Float64
-    cells: int
+    cells: float
     corner: Float64
     kept: Bools
     layer: Float64
@@ -356,15 +357,17 @@ def render(planes: Planes, lens: Lens | None, options: RenderOptions, execution:
     where = options.locations(planes.lens)
     cells = np.array([plane.cells for plane in planes.planes], np.int32)
     smoothing = options.smoothing_of(planes.shear.slope, cells, planes.lens, where)
-    planes = _smoothed(planes, smoothing)
+    is_halved = halved_planes(smoothing)
+    planes = _smoothed(planes, smoothing, is_halved)
     shrink = shrink_of(planes.shear.slope, smoothing.variance, where)
     rim = options.vignetting().front_rim(where.uv, planes.height, planes.width)
+    groups = _groups_of(planes, shrink, is_halved)
     pixels = np.stack(np.meshgrid(np.arange(planes.width), np.arange(planes.height)), axis=-1) + 0.5
     sums = np.zeros((planes.height, planes.width, 3))
     known, passing = np.zeros((2, planes.height, planes.width))
     with progress_bar(where.count, "multiplane: render", show=execution.progress, unit="view") as bar:
         for uv, time, offset, weight in zip(where.uv, where.t, where.offset, where.weight, strict=True):
-            radiance, opacity = _view(planes, pixels, shrink, uv, float(time), offset)
+            radiance, opacity = _view(groups, pixels.shape[:2], uv, float(time), offset)
             passes = weight * (rim.passes(uv, pixels) if options.cats_eye > 0 else np.ones_like(known))
             seen = opacity > LEAST_SEEN
             share = np.divide(passes, opacity, out=np.zeros_like(known), where=seen)
@@ -385,35 +388,66 @@ def _through(planes: Planes, lens: Lens) -> Planes:
     return replace(planes, lens=lens, shear=replace(planes.shear, slope=slope), planes=moved)
 
 
-def _smoothed(planes: Planes, smoothing: Smoothing) -> Planes:
-    """Smooth planes by Gaussians, and take means of their cells where these are wide."""
-    soft = []
-    for plane, sigma, cells in zip(planes.planes, smoothing.sigma, smoothing.cells, strict=True):
-        factor = plane.cells // int(cells)
-        layer = _halved(plane.layer) / 4 if factor == 2 else plane.layer
-        kept = plane.kept[::factor, ::factor]
-        layer = _smooth(layer, float(sigma) * int(cells))
-        changed = replace(plane, cells=int(cells), kept=kept, layer=layer)
-        soft.append(_with_blocks_around(changed, float(sigma)) if sigma > 0 else changed)
+def _smoothed(planes: Planes, smoothing: Smoothing, is_halved: Bools) -> Planes:
+    """Copy planes, smoothed by Gaussians, with means of their cells where these are wide."""
+    cells = np.where(is_halved, 0.5, smoothing.cells)
+    widths = zip(smoothing.sigma, gaussians(smoothing, is_halved), cells, strict=True)
+    soft = [
+        _copy(plane, float(sigma), float(gaussian), float(own)) if sigma > 0 else plane
+        for plane, (sigma, gaussian, own) in zip(planes.planes, widths, strict=True)
+    ]
     return replace(planes, planes=soft)
 
 
-def _with_blocks_around(plane: Plane, sigma: float) -> Plane:
-    """Keep as well what smoothing has brought to blocks around those kept, unless it is next to nothing."""
+def _copy(plane: Plane, sigma: float, gaussian: float, cells: float) -> Plane:
+    """Smooth a plane with a Gaussian, in pixels, into a copy of so many cells per pixel.
+
+    Kept as well is what smoothing by `sigma` pixels in all has brought to blocks around those kept, unless it
+    is next to nothing. Blocks of a copy of half a cell per pixel are twice as large.
+    """
+    pitch = 2 if cells < 1 else 1
+    if pitch == 2:
+        plane = _padded(plane, pitch * np.array(BLOCK[::-1]))
+    factor = round(plane.cells / cells)
+    layer = plane.layer
+    for _ in range(factor.bit_length() - 1):
+        layer = _halved(layer) / 4
+    layer = _smooth(layer, gaussian * cells)
     row, column = (
-        np.floor((plane.corner[1 - axis] + (np.arange(count) + 0.5) / plane.cells) / BLOCK[axis]).astype(int)
-        for axis, count in enumerate(plane.kept.shape)
+        np.floor((plane.corner[1 - axis] + (np.arange(count) + 0.5) / cells) / BLOCK[axis]).astype(int)
+        for axis, count in enumerate(layer.shape[:2])
     )
-    where = np.ix_(row - row[0], column - column[0])
-    kept = np.zeros((row[-1] - row[0] + 1, column[-1] - column[0] + 1), np.bool_)
-    most = np.zeros(kept.shape)
-    np.logical_or.at(kept, where, plane.kept)
-    np.maximum.at(most, where, plane.layer[..., 0])
-    kept |= widened(kept, sigma) & (most > _LEAST_OPACITY)
+    row, column = row - row[0] // pitch * pitch, column - column[0] // pitch * pitch
+    own = np.zeros((row[-1] // pitch * pitch + pitch, column[-1] // pitch * pitch + pitch), np.bool_)
+    most = np.zeros((len(own) // pitch, own.shape[1] // pitch))
+    np.logical_or.at(own, np.ix_(row, column), plane.kept[::factor, ::factor])
+    where = np.ix_(row // pitch, column // pitch)
+    np.maximum.at(most, where, layer[..., 0])
+    reached = _any_of_blocks(widened(own, sigma), pitch)
+    kept = np.where(most > _LEAST_OPACITY, reached, _any_of_blocks(own, pitch))
     # The plane ends where its map does, but for the cells that interpolation needs.
-    inside = np.zeros(plane.kept.shape, np.bool_)
+    inside = np.zeros(layer.shape[:2], np.bool_)
     inside[:-1, :-1] = kept[where][:-1, :-1]
-    return replace(plane, kept=inside)
+    return replace(plane, cells=cells, kept=inside, layer=layer)
+
+
+def _padded(plane: Plane, block: Indices) -> Plane:
+    """Widen a plane's map to whole blocks of a size (x, y) in pixels, and one more on every side."""
+    end = plane.corner + np.array(plane.kept.shape[::-1]) / plane.cells
+    begin: Float64 = (np.floor(plane.corner / block) - 1) * block
+    before = np.round((plane.corner - begin) * plane.cells).astype(int)
+    after = np.round(((np.ceil(end / block) + 1) * block - end) * plane.cells).astype(int)
+    around = [(before[1], after[1]), (before[0], after[0])]
+    kept, layer = np.pad(plane.kept, around), np.pad(plane.layer, [*around, (0, 0)])
+    return replace(plane, corner=begin, kept=kept, layer=layer)
+
+
+def _any_of_blocks(kept: Bools, pitch: int) -> Bools:
+    """Return which blocks of `pitch` times the size have any that is kept."""
+    rows, columns = kept.shape
+    blocks = kept.reshape(rows // pitch, pitch, columns // pitch, pitch)
+    found: Bools = np.logical_or.reduce(blocks, axis=(1, 3))
+    return found
 
 
 def _smooth(layer: Float64, sigma: float) -> Float64:
@@ -431,13 +465,30 @@ def _smooth(layer: Float64, sigma: float) -> Float64:
     return layer
 
 
+@dataclass(frozen=True)
+class _Group:
+    """Planes that follow on one another, with the scales of their views, at one resolution."""
+
+    planes: Sequence[Plane]
+    shrink: Float64
+    pitch: int
+    """Pixels between the places that a view looks at."""
+
+
+def _groups_of(planes: Planes, shrink: Float64, is_halved: Bools) -> list[_Group]:
+    """Tell planes at half resolution before all others, those of full resolution, and the rest apart."""
+    full = np.flatnonzero(~is_halved)
+    begin, end = (full[0], full[-1] + 1) if len(full) else (len(shrink), len(shrink))
+    parts = (slice(begin), slice(begin, end), slice(end, None))
+    return [
+        _Group(planes.planes[part], shrink[part], pitch)
+        for part, pitch in zip(parts, (2, 1, 2), strict=True)
+        if len(shrink[part])
+    ]
+
+
 def _view(
-    planes: Planes,
-    pixels: npt.NDArray[np.floating],
-    shrink: Float64,
-    uv: Float32,
-    time: float,
-    offset: Float32,
+    groups: Sequence[_Group], shape: tuple[int, ...], uv: Float32, time: float, offset: Float32
 ) -> tuple[Float64, Float64]:
     """Lay planes behind one another as one lens point sees them at one time (layered, Eq. 33).
 
@@ -448,10 +499,30 @@ def _view(
     opacity : ndarray, (H, W)
         Of all planes together.
     """
-    radiance, transmittance = np.zeros((*pixels.shape[:2], 3)), np.ones(pixels.shape[:2])
-    for plane, scale in zip(planes.planes, shrink, strict=True):
+    height, width = shape
+    radiance, transmittance = np.zeros((height, width, 3)), np.ones((height, width))
+    for group in groups:
+        # At half resolution with a pixel around, for interpolation.
+        around = group.pitch - 1
+        row, column = (np.arange(-around, -(-n // group.pitch) + around) for n in shape)
+        pixels = (np.stack(np.meshgrid(column, row), axis=-1) + 0.5) * group.pitch
+        seen = _view_of_group(group, pixels, uv, time, offset)
+        if group.pitch == 2:
+            seen = _doubled(seen)[2 : 2 + height, 2 : 2 + width]
+        radiance += transmittance[..., None] * seen[..., :3]
+        transmittance *= seen[..., 3]
+    return radiance, 1 - transmittance
+
+
+def _view_of_group(
+    group: _Group, pixels: npt.NDArray[np.floating], uv: Float32, time: float, offset: Float32
+) -> Float64:
+    """Return radiance and transmittance (R, C, 4) of planes at places in the image (R, C, 2)."""
+    found = np.zeros((*pixels.shape[:2], 4))
+    found[..., 3] = 1
+    for plane, scale in zip(group.planes, group.shrink, strict=True):
         away = scale * (offset - plane.slope * uv) - plane.motion * (time - 0.5)
         seen = plane.seen_at(pixels + away)
-        radiance += transmittance[..., None] * seen[..., 1:]
-        transmittance *= 1 - seen[..., 0]
-    return radiance, 1 - transmittance
+        found[..., :3] += found[..., 3:] * seen[..., 1:]
+        found[..., 3] *= 1 - seen[..., 0]
+    return found

@@ -12,7 +12,7 @@ looked at from lens points, and places within the pixel, that are closer togethe
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -23,8 +23,9 @@ from fewrays import _native
 from fewrays.aperture_options import ApertureOptions
 from fewrays.errors import require_option
 from fewrays.lens import Lens
-from fewrays.multiplane.maps import Maps, native_planes
-from fewrays.multiplane.smoothing import Smoothing, band_rows, distance_between, farthest_shift, smooth_band
+from fewrays.multiplane.copies import Copies, farthest_shifts
+from fewrays.multiplane.maps import Maps
+from fewrays.multiplane.smoothing import Smoothing, distance_between
 from fewrays.parallel import Execution, map_ranges, progress_bar
 from fewrays.pixel_filter import PixelFilter, PixelFilterShape
 from fewrays.temporal.locations import Locations, make_locations
@@ -42,7 +43,7 @@ class RenderOptions(ApertureOptions):
 
     views: int = 128
     """Lens points, times and places that every pixel is the mean of: 64 for a draft, 256 for the last bit."""
-    smoothing: float = 0.32
+    smoothing: float = 0.29
     """Gaussian that widely blurred planes are smoothed with, in units of the distance that blur puts between
     neighbouring lens points; 0 for none."""
     pixel_filter: PixelFilterShape = "box"
@@ -110,12 +111,14 @@ def render_maps(
     shrink = shrink_of(seen.shear.slope, smoothing.variance, where).astype(np.float32)
     views = np.column_stack([where.uv, where.t, where.offset, where.weight]).astype(np.float32)
     image = np.zeros((maps.height, maps.width, 4), np.float32)
-    native = native_planes(seen.shear, replace(seen.grid, cells=smoothing.cells), seen.scale)
+    copies = Copies.of_maps(seen, smoothing)
+    native, is_halved = copies.native(), copies.is_halved.astype(np.uint8)
     is_smoothed = (smoothing.sigma > 0).astype(np.uint8)
+    farthest = farthest_shifts(seen.shear, shrink, where)
     columns = -(-maps.width // _native.TILE_COLUMNS)
 
     def render_band(first_row: int, end_row: int, bar: tqdm[Any]) -> None:
-        band = smooth_band(seen, smoothing, farthest, (first_row, end_row), execution)
+        band = copies.smooth_band((first_row, end_row), farthest[:, 1], execution)
 
         def work(first: int, last: int) -> None:
             _native.multiplane_render(
@@ -124,8 +127,10 @@ def render_maps(
                 seen.halves,
                 band.halves,
                 is_smoothed,
+                is_halved,
                 views=views,
                 shrink=shrink,
+                reach=farthest.astype(np.float32),
                 rim=rim,
                 vignetted=options.cats_eye > 0,
                 darken=options.darken,
@@ -136,10 +141,9 @@ def render_maps(
 
         map_ranges(work, (end_row - first_row) * columns, execution, bar=bar, chunk=4)
 
-    farthest = farthest_shift(seen.shear, shrink, where)
     tiles = -(-maps.height // _native.TILE_ROWS) * columns
     with progress_bar(tiles, "multiplane: render", show=execution.progress, unit="tile") as bar:
-        for first, end in band_rows(seen, smoothing):
+        for first, end in copies.bands():
             render_band(first, end, bar)
     return image
 

@@ -10,24 +10,18 @@ made for one band of the image after the other, so that they take little memory.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from fewrays import _native
 from fewrays.aperture import Aperture
-from fewrays.multiplane.maps import BLOCK, Grid, Maps, Shear, number_blocks
-from fewrays.parallel import Execution, map_ranges
+from fewrays.multiplane.maps import BLOCK, Maps
 from fewrays.temporal.locations import Locations
 
 __all__ = [
-    "Band",
     "Smoothing",
-    "band_rows",
     "distance_between",
-    "farthest_shift",
-    "smooth_band",
     "touched_places",
     "widened",
 ]
@@ -43,8 +37,6 @@ _COARSE_SIGMA = 0.5  # pixels; what has been smoothed that much needs one cell p
 _NEAR = 2.0  # pixels
 _SQUARE = 4.0  # square lens units: all lens points lie in [-1, 1]²
 _DARK = 1e-9  # light per square lens unit that is none
-_MOST_BYTES = 2**26  # that smoothed copies of planes should take
-_ROWS = 24  # of blocks that are smoothed at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,80 +90,6 @@ def distance_between(aperture: Aperture, where: Locations) -> float:
     return math.sqrt(min(area, _SQUARE) / where.count)
 
 
-@dataclass(frozen=True, eq=False)
-class Band:
-    """Planes smoothed as far as some rows of an image's tiles see them.
-
-    Parameters
-    ----------
-    slots : ndarray of int32
-        Where blocks begin, as in `Maps`: those of smoothed planes in `halves`, others in the maps' own.
-    halves : ndarray of uint16
-        The smoothed blocks.
-    """
-
-    slots: Int32
-    halves: npt.NDArray[np.uint16]
-
-
-def farthest_shift(shear: Shear, shrink: Float32, where: Locations) -> Float64:
-    """Return how far views shift each plane down or up at most, in pixels, (K,)."""
-    farthest = np.zeros(len(shear.slope))
-    for (_, v), time, (_, y) in zip(where.uv, where.t, where.offset, strict=True):
-        shift = shrink * (y - shear.slope * v) - shear.motion[:, 1] * (time - 0.5)
-        np.maximum(farthest, np.abs(shift), out=farthest)
-    return farthest
-
-
-def band_rows(maps: Maps, smoothing: Smoothing) -> list[tuple[int, int]]:
-    """Return the rows of tiles of an image's bands, from top to bottom: first and end."""
-    kept = np.add.reduceat(maps.slots >= 0, maps.grid.first_slot, dtype=np.int64)
-    units = np.where(smoothing.sigma > 0, kept * smoothing.cells.astype(np.int64) ** 2, 0).sum()
-    rows = -(-maps.height // _native.TILE_ROWS)
-    step = max(1, min(rows, rows * _MOST_BYTES // max(int(units) * _native.UNIT_HALVES * 2, 1)))
-    return [(first, min(first + step, rows)) for first in range(0, rows, step)]
-
-
-def smooth_band(
-    maps: Maps, smoothing: Smoothing, farthest: Float64, rows: tuple[int, int], execution: Execution
-) -> Band:
-    """Smooth planes as far as a band of the image sees them.
-
-    Parameters
-    ----------
-    maps : Maps
-        Planes as the lens at hand sees them.
-    smoothing : Smoothing
-    farthest : ndarray, (K,)
-        What `farthest_shift` returned.
-    rows : (int, int)
-        First and end of the rows of tiles.
-    execution : Execution
-        Threads to use.
-
-    Returns
-    -------
-    Band
-        Its planes can be seen from all views in its rows of tiles.
-    """
-    wide = touched_places(maps, smoothing)
-    near = wide & _blocks_near(maps.grid, *rows, farthest)
-    places, units = number_blocks(near, replace(maps.grid, cells=smoothing.cells))
-    halves = np.empty(units * _native.UNIT_HALVES + 2 * _native.HALF_PADDING, np.uint16)
-    halves[: _native.HALF_PADDING] = halves[-_native.HALF_PADDING :] = 0
-    parts = _parts(maps.grid, near)
-    native, sigma = maps.native(), smoothing.sigma.astype(np.float32)
-
-    def work(first: int, last: int) -> None:
-        _native.multiplane_smooth(
-            native, maps.slots, maps.halves, sigma, smoothing.cells, places, parts, first, last, halves
-        )
-
-    map_ranges(work, len(parts), replace(execution, progress=False), chunk=1)
-    smoothed = np.repeat(smoothing.sigma > 0, maps.grid.shape.prod(axis=1))
-    return Band(np.where(smoothed, places, maps.slots), halves)
-
-
 def touched_places(maps: Maps, smoothing: Smoothing) -> Bools:
     """Return which places for blocks smoothed planes may reach."""
     touched = np.zeros(maps.grid.slot_count, np.bool_)
@@ -198,29 +116,3 @@ def widened(kept: Bools, sigma: float) -> Bools:
             wide[:-step] |= kept[step:]
         kept = wide.T  # columns next; the second time, rows again
     return kept
-
-
-def _blocks_near(grid: Grid, first: int, end: int, farthest: Float64) -> Bools:
-    """Return which places for blocks rows of tiles can see."""
-    near = np.zeros(grid.slot_count, np.bool_)
-    reach = np.ceil(farthest).astype(np.int64) + 2
-    top = (first * _native.TILE_ROWS - reach - grid.corner[:, 1]) // BLOCK[0]
-    bottom = -((grid.corner[:, 1] - end * _native.TILE_ROWS - reach) // BLOCK[0])
-    for plane, (columns, rows) in enumerate(grid.shape):
-        begin, stop = (min(max(int(row), 0), int(rows)) for row in (top[plane], bottom[plane]))
-        near[grid.first_slot[plane] + begin * columns : grid.first_slot[plane] + stop * columns] = True
-    return near
-
-
-def _parts(grid: Grid, near: Bools) -> Int32:
-    """Cut planes that have blocks to smooth into parts (N, 3): plane, first row of blocks, end."""
-    parts = []
-    for plane, (columns, rows) in enumerate(grid.shape):
-        first_slot = grid.first_slot[plane]
-        own = near[first_slot : first_slot + rows * columns].reshape(rows, columns)
-        used = np.flatnonzero(own.any(axis=1))
-        if len(used):
-            parts += [
-                (plane, row, min(row + _ROWS, used[-1] + 1)) for row in range(used[0], used[-1] + 1, _ROWS)
-            ]
-    return np.array(parts, np.int32).reshape(-1, 3)

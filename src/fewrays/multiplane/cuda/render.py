@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, replace
+from dataclasses import astuple
 from typing import Any
 
 import numpy as np
@@ -11,8 +11,9 @@ import numpy.typing as npt
 from fewrays.cuda.kernel import Kernel
 from fewrays.cuda.machine import Machine
 from fewrays.lens import Lens
-from fewrays.multiplane.cuda.planes import DevicePlanes, plane_records
-from fewrays.multiplane.cuda.smoothing import smooth_planes
+from fewrays.multiplane.copies import Copies
+from fewrays.multiplane.cuda.planes import DevicePlanes
+from fewrays.multiplane.cuda.smoothing import copy_records, smooth_planes
 from fewrays.multiplane.maps import Maps
 from fewrays.multiplane.render import RenderOptions, shrink_of
 from fewrays.temporal.locations import Locations
@@ -41,6 +42,8 @@ _RENDER = Kernel(
         "view_count": "i4",
         "height": "i4",
         "width": "i4",
+        "front_end": "i4",
+        "back_begin": "i4",
         "vignetted": "i4",
         "darken": "i4",
     },
@@ -70,13 +73,13 @@ def render_planes(machine: Machine, planes: DevicePlanes, lens: Lens | None, opt
     rim = options.vignetting().front_rim(where.uv, seen.height, seen.width)
     smoothing = options.smoothing_of(seen.shear.slope, seen.grid.cells, seen.lens, where)
     shrink = shrink_of(seen.shear.slope, smoothing.variance, where)
-    smoothed = smooth_planes(machine, planes, smoothing)
-    looked_at = replace(seen, grid=replace(seen.grid, cells=smoothing.cells))
+    copies = Copies.of_maps(seen, smoothing)
+    smoothed = smooth_planes(machine, planes, copies)
     image = machine.xp.empty((seen.height, seen.width, 4), np.float32)
     machine.launch(
         _RENDER,
         (-(-seen.width // _TILE), -(-seen.height // _TILE), 1),
-        planes=machine.on_device(plane_records(looked_at), np.int32),
+        planes=machine.on_device(copy_records(copies), np.int32),
         shrink=machine.on_device(shrink, np.float32),
         reach=machine.on_device(_reach(seen, shrink, where), np.float32),
         is_smoothed=machine.on_device(smoothing.sigma > 0, np.uint8),
@@ -90,6 +93,8 @@ def render_planes(machine: Machine, planes: DevicePlanes, lens: Lens | None, opt
         view_count=where.count,
         height=seen.height,
         width=seen.width,
+        front_end=copies.front_end,
+        back_begin=copies.back_begin,
         vignetted=options.cats_eye > 0,
         darken=options.darken,
     )

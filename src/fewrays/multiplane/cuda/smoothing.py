@@ -11,14 +11,15 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from fewrays.cuda.kernel import Kernel
 from fewrays.cuda.machine import Machine
+from fewrays.multiplane.copies import Copies, gaussians
 from fewrays.multiplane.cuda.planes import CHANNELS, MAP_CELLS, DevicePlanes, plane_records
 from fewrays.multiplane.maps import number_blocks
-from fewrays.multiplane.smoothing import Smoothing, touched_places
 
-__all__ = ["KERNELS", "Smoothed", "smooth_planes"]
+__all__ = ["KERNELS", "Smoothed", "copy_records", "smooth_planes"]
 
 _SMOOTH = {
     (cells, factor): Kernel(
@@ -27,6 +28,7 @@ _SMOOTH = {
         256,
         {
             "planes": "*i4",
+            "copies": "*i4",
             "slots": "*i4",
             "places": "*i4",
             "blocks": "*i4",
@@ -37,7 +39,7 @@ _SMOOTH = {
             "first_block": "i4",
         },
     )
-    for cells, factor in ((1, 1), (2, 1), (2, 2), (3, 1))
+    for cells, factor in ((1, 1), (1, 2), (2, 1), (2, 2), (2, 4), (3, 1))
 }
 KERNELS = tuple(_SMOOTH.values())
 """All kernels of the step."""
@@ -50,8 +52,8 @@ class Smoothed:
     Parameters
     ----------
     slots : array of int32
-        Where blocks begin, as in `DevicePlanes`: those of smoothed planes in `texels`, others in the planes'
-        own.
+        Where blocks begin, of all places of the copies' grid: those of smoothed planes in `texels`, others in
+        the planes' own.
     texels : array of uint16, (maps, `MAP_CELLS`, `CHANNELS`)
         The smoothed blocks.
     """
@@ -60,46 +62,51 @@ class Smoothed:
     texels: Any
 
 
-def smooth_planes(machine: Machine, planes: DevicePlanes, smoothing: Smoothing) -> Smoothed:
+def smooth_planes(machine: Machine, planes: DevicePlanes, copies: Copies) -> Smoothed:
     """Smooth the planes that ask for it, without waiting for it.
 
     Parameters
     ----------
     machine : Machine
     planes : DevicePlanes
-    smoothing : Smoothing
+    copies : Copies
+        Of the planes' outline, as a lens sees them.
 
     Returns
     -------
     Smoothed
     """
-    outline, grid = planes.outline, planes.outline.grid
-    wide = touched_places(outline, smoothing)
-    numbers, maps = number_blocks(wide, replace(grid, cells=smoothing.cells))
-    is_smoothed = np.repeat(smoothing.sigma > 0, grid.shape.prod(axis=1))
-    places = machine.on_device(np.where(is_smoothed, numbers, outline.slots), np.int32)
+    grid, smoothing = copies.grid, copies.smoothing
+    numbers, maps = number_blocks(copies.touched, grid)
+    places = machine.on_device(np.maximum(numbers, copies.slots), np.int32)
     texels = machine.xp.empty((maps, MAP_CELLS, CHANNELS), np.uint16)
-    touched = np.flatnonzero(wide)
+    touched = np.flatnonzero(copies.touched)
     ends = np.searchsorted(touched, np.append(grid.first_slot, grid.slot_count))
     work = {
-        "planes": machine.on_device(plane_records(outline), np.int32),
+        "planes": machine.on_device(plane_records(planes.outline), np.int32),
+        "copies": machine.on_device(copy_records(copies), np.int32),
         "slots": planes.slots,
         "places": places,
         "blocks": machine.on_device(touched, np.int32),
-        "sigma": machine.on_device(smoothing.sigma, np.float32),
+        "sigma": machine.on_device(gaussians(smoothing, copies.is_halved), np.float32),
         "built": planes.texels,
         "smoothed": texels,
-        "count": outline.plane_count,
+        "count": len(grid.cells),
     }
-    for first, end in _runs(smoothing):
-        built, cells = int(smoothing.built[first]), int(smoothing.cells[first])
+    factor = smoothing.built // smoothing.cells * np.where(copies.is_halved, 2, 1)
+    for first, end in _runs(np.where(smoothing.sigma > 0, 16 * smoothing.built + factor, 0)):
         blocks = (int(ends[end] - ends[first]), 1, 1)
-        machine.launch(_SMOOTH[built, built // cells], blocks, first_block=int(ends[first]), **work)
+        kernel = _SMOOTH[int(smoothing.built[first]), int(factor[first])]
+        machine.launch(kernel, blocks, first_block=int(ends[first]), **work)
     return Smoothed(places, texels)
 
 
-def _runs(smoothing: Smoothing) -> list[tuple[int, int]]:
-    """Return the first and the end of runs of planes that are smoothed in one way."""
-    kind = np.where(smoothing.sigma > 0, 4 * smoothing.built + smoothing.cells, 0)
+def copy_records(copies: Copies) -> npt.NDArray[np.int32]:
+    """Return copies as ``DepthPlane`` in ``native/math/depth_plane.h`` has them, as bits, (K, 10)."""
+    return plane_records(replace(copies.maps, shear=copies.shear, grid=copies.grid))
+
+
+def _runs(kind: npt.NDArray[np.integer]) -> list[tuple[int, int]]:
+    """Return the first and the end of runs of planes that are smoothed in one way, and not at all where 0."""
     borders = [0, *(np.flatnonzero(np.diff(kind)) + 1).tolist(), len(kind)]
     return [(first, end) for first, end in pairwise(borders) if end > first and kind[first] > 0]
