@@ -331,6 +331,10 @@ class TestNoLight:
         assert_twins(*more)
 
 
+SLIGHTLY_UNEVEN = np.array([1, 1 + 1e-5], np.float32)[:, None]
+"""Factors for the radiance of two samples per pixel."""
+
+
 class TestShade:
     def test_only_the_radiance_changes(self) -> None:
         samples = random_lit("moving")
@@ -342,6 +346,17 @@ class TestShade:
             if name != "color":
                 np.testing.assert_array_equal(getattr(shaded, name), getattr(samples, name))
         assert np.abs(shaded.color - samples.color).max() > 0
+
+    @pytest.mark.parametrize("kind", SCENES)
+    def test_lamps_of_even_radiance_are_lamps_like_others(self, kind: str) -> None:
+        """For these alone, samples that all light points shine on are found at once."""
+        even = seen_lit(kind, 14)
+        lighting = lighting_of(even)
+        lights = [light_with(light, radiance=light.radiance * SLIGHTLY_UNEVEN) for light in lighting.lights]
+        uneven = replace(even, lighting=replace(lighting, lights=tuple(lights)))
+        assert all(lamp.uniform_radiance is not None for lamp in make_lamps(even, lighting))
+        assert all(lamp.uniform_radiance is None for lamp in make_lamps(uneven, lighting_of(uneven)))
+        np.testing.assert_allclose(shade(even).color, shade(uneven).color, rtol=1e-4, atol=1e-6)
 
     def test_threads_do_not_change_a_bit(self) -> None:
         samples = lit_buffer((34, 40, 1))
