@@ -13,13 +13,11 @@ from typing import Any
 import cupy
 import numpy as np
 
-from fewrays.cuda.device import Device
+from fewrays.cuda.device import Device, is_on_card
 from fewrays.cuda.kernel import Kernel
 from fewrays.cuda.source import OPTIONS, program_text
 
 __all__ = ["CupyMachine"]
-
-_DLPACK_CUDA = 2  # DLPack's number for memory of an NVIDIA card
 
 
 class CupyMachine:
@@ -68,8 +66,7 @@ class CupyMachine:
             C-contiguous. Shares memory with what is on the card already, and of that type.
         """
         if not hasattr(array, "__cuda_array_interface__"):
-            there = hasattr(array, "__dlpack_device__") and array.__dlpack_device__()[0] == _DLPACK_CUDA
-            array = cupy.from_dlpack(array) if there else np.asarray(array)
+            array = cupy.from_dlpack(array) if is_on_card(array) else np.asarray(array)
         return cupy.ascontiguousarray(cupy.asarray(array), dtype=dtype)
 
     def on_host(self, array: Any) -> Any:
