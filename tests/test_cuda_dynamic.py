@@ -48,7 +48,11 @@ def layer_of(height: int, width: int, seed: int, *, transparent: bool) -> DepthL
         bar = (x >= left) & (x < right) & (y >= rng.uniform(0, 0.7) * height)
         surface = np.maximum(rng.uniform(0.7, 5.0) + 0.02 * rng.normal() * x, 0.3)
         depth = np.where(bar, np.minimum(depth, surface), depth)
-    alpha = np.where(rng.random(depth.shape) < 0.3, rng.random(depth.shape), 1.0) if transparent else None
+    alpha = None
+    if transparent:
+        alpha = np.where(rng.random(depth.shape) < 0.3, rng.random(depth.shape), 1.0)
+        unseen = rng.random(depth.shape) < 0.1
+        alpha[unseen], depth[unseen] = 0, np.nan
     color = rng.gamma(1.0, 1.0, (height, width, 3)) * (1 if alpha is None else alpha[..., None])
     as_float = [None if a is None else a.astype(np.float32) for a in (color, depth, alpha)]
     return DepthLayer(*as_float)  # type: ignore[arg-type]
@@ -267,6 +271,25 @@ def test_pictures_on_the_card(phases: PhasesMachine, options: dict[str, Any]) ->
     assert_agree(image, expected, tolerance=1e-4, flips=0.01, jump=0.3)
 
 
+@pytest.mark.parametrize("prefilter", ["surface", "none"])
+def test_where_no_ray_is_valid_the_centre_is_shown(phases: PhasesMachine, prefilter: str) -> None:
+    """Two views, both of which see past a card whose back nothing is made up for."""
+    options: dict[str, Any] = {"views": 2, "fill_reach": 0, "split_edges": False, "prefilter": prefilter}
+    depth = np.where(np.abs(np.arange(41) - 20) < 9, 0.5, np.inf) * np.ones((29, 1))
+    front = DepthLayer(np.random.default_rng(1).random((29, 41, 3), np.float32), depth.astype(np.float32))
+    on_device = [DeviceLayer.of_layer(phases, front)]
+    chosen = DefocusOptions(**options)
+    sheets = prepare_sheets(phases, on_device, lens_of(6.0), chosen)
+    rules = ViewRules.of_options(chosen, lens_of(6.0), 29, 41)
+    sums, _ = cuda.synthesize_views(phases, sheets, rules)
+    unseen = sums[..., 4] == 0
+    assert unseen.any()
+    image = cuda.defocus_layers(phases, on_device, lens_of(6.0), chosen)
+    np.testing.assert_array_equal(image[unseen][:, :3], front.color[unseen])
+    expected = defocus_rgba(front.color, front.depth, lens_of(6.0), device="cpu", **options)
+    assert_agree(image, expected, tolerance=1e-4, flips=0.01)
+
+
 @pytest.mark.usefixtures("phases")
 def test_arrays_on_the_card_are_not_changed_or_copied() -> None:
     front = layers_of()[0]
@@ -293,14 +316,14 @@ def test_arrays_on_the_card_are_not_changed_or_copied() -> None:
 def test_impossible_values_on_the_card_are_refused(field: str, value: float, problem: str) -> None:
     front = layers_of(transparent=True)[0]
     arrays = {name: on_card(getattr(front, name)).copy() for name in ("color", "depth", "alpha")}
-    arrays["alpha"][0, 5] = 1
+    arrays["alpha"][0, 5], arrays["depth"][0, 5] = 1, 2
     arrays[field].reshape(29, 41, -1)[0, 5, 0] = value
     with pytest.raises(SampleError, match=problem):
         defocus_rgba(arrays["color"], arrays["depth"], lens_of(9.37), alpha=arrays["alpha"])
     layer = DeviceLayer.of_arrays(arrays["color"], arrays["depth"], arrays["alpha"])
-    good = (on_card(front.color), on_card(front.depth), lens_of(9.37))
+    good = layers_of()[0]
     with pytest.raises(SampleError, match=rf"behind\[0\]\.{field}: expected"):
-        defocus_rgba(*good, behind=[layer])
+        defocus_rgba(good.color, good.depth, lens_of(9.37), behind=[layer])
 
 
 @pytest.mark.usefixtures("phases")
