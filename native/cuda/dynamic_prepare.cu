@@ -3,7 +3,6 @@
 // Sheets are numbered as there: the first layer, those behind it, emptiness, what was made up. Here the last two have
 // their place also where there is nothing of them, so that nobody waits to know.
 #include "../math/behind.h"
-#include "../math/disparity.h"
 #include "../math/edge_split.h"
 #include "../math/sheet_lookup.h"
 #include "atomics.h"
@@ -16,7 +15,6 @@ namespace fewrays {
 struct LayerSurvey {
     std::uint32_t wrong_colors, wrong_depths, wrong_alphas;  // values that no renderer means
     std::uint32_t steepest;                                  // bits of the greatest size of a slope
-    std::uint32_t greatest;                                  // ascending bits of the greatest slope
 };
 
 struct LayerArguments {
@@ -56,7 +54,6 @@ inline void run_dynamic_layer(const LayerArguments& a, const Block& block, Layer
         a.texels[pixel] = texel;
         a.shown[pixel] = visible;
         atomic_most(&survey.steepest, std::bit_cast<std::uint32_t>(std::fabs(texel.slope)));
-        atomic_most(&survey.greatest, ascending_bits(texel.slope));
     });
     block.each([&](int thread) {
         if (thread > 0) return;
@@ -64,7 +61,6 @@ inline void run_dynamic_layer(const LayerArguments& a, const Block& block, Layer
         if (survey.wrong_depths) atomic_increase(&a.survey->wrong_depths, survey.wrong_depths);
         if (survey.wrong_alphas) atomic_increase(&a.survey->wrong_alphas, survey.wrong_alphas);
         atomic_most(&a.survey->steepest, survey.steepest);
-        atomic_most(&a.survey->greatest, survey.greatest);
     });
 }
 

@@ -7,10 +7,12 @@ of frames of one size allocates once.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
 import cupy
+import cupyx
 import numpy as np
 
 from fewrays.cuda.device import Device, is_on_card
@@ -72,6 +74,19 @@ class CupyMachine:
     def on_host(self, array: Any) -> Any:
         """Copy an array to the host and wait for it."""
         return cupy.asnumpy(array)
+
+    def fetch(self, array: Any) -> Callable[[], Any]:
+        """Begin to copy an array to the host; see `fewrays.cuda.machine.Machine.fetch`."""
+        copied = cupyx.empty_pinned(array.shape, array.dtype)
+        array.get(out=copied, blocking=False)
+        done = cupy.cuda.Event(disable_timing=True)
+        done.record()
+
+        def wait() -> Any:
+            done.synchronize()
+            return copied
+
+        return wait
 
 
 @cache

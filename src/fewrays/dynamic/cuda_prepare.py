@@ -1,14 +1,14 @@
 """Sheets made on a GPU: ``native/cuda/dynamic_prepare.cu``, launched.
 
-The twin of `fewrays.dynamic.prepare`. The host waits once, for five numbers of each layer, behind the first
-kernel: whether its values are possible, and how steep its slopes are, which says how far views shift pixels
-and how wide the blur between them is. What else it would have to ask for is not asked: sheets that may turn
-out empty have their place, and show nothing.
+The twin of `fewrays.dynamic.prepare`. The host gets four numbers of each layer, which the first kernel finds
+out: whether its values are possible, and how steep its slopes are, which says how far views shift pixels and
+how wide the blur between them is. They come while the other kernels run. What else it would have to ask for
+is not asked: sheets that may turn out empty have their place, and show nothing.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,7 +27,7 @@ from fewrays.lens import Lens
 __all__ = ["KERNELS", "DeviceSheets", "prepare_sheets"]
 
 _MOST_PIXELS = 2**32 - 1  # of all sheets, which keys number
-_SURVEY = ("color", "depth", "alpha", "steepest", "greatest")  # `LayerSurvey` in the kernels
+_SURVEY = 4  # numbers of ``LayerSurvey`` in the kernels: those of wrong values, and the steepest slope's bits
 _EXPECTED = {
     "color": "finite radiance",
     "depth": 'depths > 0 (invalid_depth="background" takes others for background)',
@@ -79,7 +79,7 @@ class DeviceSheets:
     translucent : ndarray of bool, (sheets,)
         Which may show pixels that they do not cover wholly.
     steepest : float
-        Size of the greatest slope in pixels, but for rounding.
+        Size in pixels that no slope exceeds, but for rounding.
     """
 
     texels: Any
@@ -156,14 +156,13 @@ def prepare_sheets(
     whole = xp.empty((height, width, 8), np.float32)
     texels = xp.empty((numbers.count, height, width, 8), np.float32)
     shown = xp.empty((numbers.count, height, width), np.uint8)
-    steepest, greatest = _survey(machine, layers, lens, [whole, *texels[1:]], shown)
+    survey = _survey(machine, layers, lens, [whole, *texels[1:]], shown)
     limit = greatest_slope(height, width)
-    empty_slope = float(np.clip(lens.c1, -limit, limit))
-    if numbers.empty:
-        steepest, greatest = max(steepest, abs(empty_slope)), max(greatest, empty_slope)
+    farthest = float(np.clip(lens.c1, -limit, limit))
     pixels = xp.empty((numbers.count, height, width, 2), np.float32)
     sheets = {"whole": whole, "texels": texels, "shown": shown, "pixels": pixels}
-    _complete(machine, numbers, options, sheets, empty_slope, greatest)
+    _complete(machine, numbers, options, sheets, farthest)
+    steepest = max(_require_possible(survey()), abs(farthest) if numbers.empty else 0.0)
     behind = np.zeros(numbers.count, np.float32)
     translucent = np.zeros(numbers.count, bool)
     translucent[: len(layers)] = [layer.alpha is not None for layer in layers]
@@ -175,9 +174,9 @@ def prepare_sheets(
 
 def _survey(
     machine: Machine, layers: Sequence[DeviceLayer], lens: Lens, texels: Sequence[Any], shown: Any
-) -> tuple[float, float]:
-    """Fill in every layer's texels and return the steepest and the greatest slope: waits for the card."""
-    survey = machine.xp.zeros((len(layers), len(_SURVEY)), np.uint32)
+) -> Callable[[], npt.NDArray[np.uint32]]:
+    """Fill in every layer's texels and return what gives their surveys, (layers, 4)."""
+    survey = machine.xp.zeros((len(layers), _SURVEY), np.uint32)
     height, width = layers[0].height, layers[0].width
     for number, layer in enumerate(layers):
         machine.launch(
@@ -196,19 +195,17 @@ def _survey(
             c1=lens.c1,
             most=greatest_slope(height, width),
         )
-    found = machine.on_host(survey)
-    for number, counts in enumerate(found[:, : len(_EXPECTED)].tolist()):
+    return machine.fetch(survey)
+
+
+def _require_possible(survey: npt.NDArray[np.uint32]) -> float:
+    """Refuse values that no renderer means, and return the size of the steepest slope."""
+    for number, counts in enumerate(survey[:, : len(_EXPECTED)].tolist()):
         for (name, expected), count in zip(_EXPECTED.items(), counts, strict=True):
             if count:
                 field = name if number == 0 else f"behind[{number - 1}].{name}"
                 raise SampleError(f"expected {expected}; {count} values are not", field=field)
-    return float(found[:, 3].view(np.float32).max()), _ascending(found[:, 4].max())
-
-
-def _ascending(bits: np.uint32) -> float:
-    """Return the number whose ``ascending_bits`` of ``native/math/disparity.h`` these are."""
-    flipped = int(bits) ^ (0x80000000 if int(bits) >> 31 else 0xFFFFFFFF)
-    return float(np.uint32(flipped).view(np.float32))
+    return float(survey[:, 3].max().view(np.float32))
 
 
 def _complete(
@@ -216,13 +213,12 @@ def _complete(
     numbers: _Numbers,
     options: DefocusOptions,
     sheets: dict[str, Any],
-    empty_slope: float,
-    greatest: float,
+    farthest: float,
 ) -> None:
     """Take the first sheet's edges apart, make up what is behind them, and say how far pixels spread.
 
     Edges are searched behind twice, as `fewrays.dynamic.prepare` explains; in between `split` writes what
-    the second search is to see.
+    the second search is to see. `farthest` is the slope of what is infinitely far: none is greater.
     """
     xp, (height, width) = machine.xp, sheets["whole"].shape[:2]
     per_pixel = {name: xp.empty((height, width), np.float32) for name in ("slope", "front")}
@@ -241,10 +237,10 @@ def _complete(
         "made_up": numbers.made_up,
         "split": options.split_edges,
         "carry_on": carry_on,
-        "empty_slope": empty_slope,
+        "empty_slope": farthest,
         "tolerance": tolerance,
         # Means of slopes are slopes as well, but for rounding.
-        "most": greatest + tolerance,
+        "most": farthest + tolerance,
         "agreement": AGREEMENT * tolerance,
         "reach": max(options.fill_reach, LEAST_REACH),
     }
