@@ -13,22 +13,23 @@ import statistics
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 import fewrays
 from fewrays.cuda.device import Device, find_device, require_machine
+from fewrays.cuda.machine import Machine
 from fewrays.cuda.samples import DeviceSamples
-from fewrays.dynamic import DefocusOptions, DepthLayer, make_light_field
+from fewrays.dynamic import DefocusOptions, DepthLayer, DeviceLayer
 from fewrays.dynamic import cuda as dynamic
+from fewrays.dynamic.cuda_prepare import prepare_sheets
+from fewrays.dynamic.plan import ViewRules
 from fewrays.layered import LayeredOptions
 from fewrays.layered import cuda as layered
 from fewrays.lens import Lens
 from fewrays.multiplane import MultiplaneOptions
 from fewrays.multiplane.cuda.build import build_planes
 from fewrays.multiplane.cuda.render import render_planes
-from fewrays.parallel import Execution
 from fewrays.sources.analytic_pinhole import pinhole
 from fewrays.temporal import TemporalOptions, make_plan
 from fewrays.temporal import cuda as temporal
@@ -86,8 +87,6 @@ def measure_size(
     build = MultiplaneOptions()
     planes = build_planes(machine, samples, build)
     image = render_planes(machine, planes, None, build)
-    field = light_field(size)
-    on_card = dynamic.upload(machine, field)
     box = np.ascontiguousarray(fewrays.reconstruct(on_host, "box"))
     plan = make_plan(on_host, TemporalOptions(locations=128))
     denoiser = DenoiserOnGpu(box)
@@ -106,7 +105,7 @@ def measure_size(
         "multiplane, build": lambda: build_planes(timed, samples, build),
         "multiplane, 128 views": views(128),
         "multiplane, 64 views": views(64),
-        "dynamic, 36 views": lambda: dynamic.synthesize_views(timed, field, on_card),
+        **dynamic_runs(timed, size),
         "layered": lambda: layered.reconstruct_image(timed, samples, LayeredOptions()),
         "temporal, 128 locations": lambda: temporal.reconstruct_bands(timed, samples, None, plan),
         "copy of the samples on the card": copy_samples,
@@ -122,6 +121,21 @@ def measure_size(
         rows.setdefault("Open Image Denoise, on the card", {})[size] = denoiser.milliseconds(repetitions)
 
 
+def dynamic_runs(machine: Machine, size: Size) -> dict[str, Callable[[], object]]:
+    """Return depth of field for a picture that is on the card, in parts and as a whole."""
+    lens = Lens(LEAF_LENS.c0, LEAF_LENS.c1)
+    options = DefocusOptions(views=36)
+    rules = ViewRules.of_options(options, lens, *size)
+    layers = [DeviceLayer.of_layer(machine, picture_of(size, lens))]
+    sheets = prepare_sheets(machine, layers, lens, options)
+    dynamic.blur_between_views(machine, sheets, rules)
+    return {
+        "dynamic, sheets": lambda: prepare_sheets(machine, layers, lens, options),
+        "dynamic, 36 views": lambda: dynamic.synthesize_views(machine, sheets, rules),
+        "dynamic, from picture to image": lambda: dynamic.defocus_layers(machine, layers, lens, options),
+    }
+
+
 def samples_of(size: Size) -> fewrays.SampleBuffer:
     """Return planes of leaves, drawn once at a third of 4K and repeated beyond."""
     height, width = size
@@ -130,16 +144,15 @@ def samples_of(size: Size) -> fewrays.SampleBuffer:
     return leaf_planes(height, width, SPP)
 
 
-def light_field(size: Size) -> Any:
-    """Prepare a picture of leaves with depth."""
-    lens = Lens(LEAF_LENS.c0, LEAF_LENS.c1)
+def picture_of(size: Size, lens: Lens) -> DepthLayer:
+    """Return a picture of leaves with depth."""
     height, width = size
     small = (720, 1280) if size == (2160, 3840) else size
     layer = pinhole(leaf_stack(*small), lens, *small, spp=4)
     if small != size:
         layer = DepthLayer(np.tile(layer.color, (3, 3, 1)), np.tile(layer.depth, (3, 3)))
     assert layer.depth.shape == (height, width)
-    return make_light_field([layer], lens, DefocusOptions(views=36), Execution("cpu"))
+    return layer
 
 
 def introduction(device: Device) -> Iterator[str]:

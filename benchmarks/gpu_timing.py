@@ -54,6 +54,7 @@ class TimedMachine:
         self.address = machine.address
         self.on_device = machine.on_device
         self.on_host = machine.on_host
+        self.fetch = machine.fetch
         self.kernels: dict[str, list[tuple[Any, Any]]] = {}
 
     def launch(

@@ -301,7 +301,7 @@ NB_MODULE(_native, m) {
                                    static_cast<int>(slope.shape(0)),
                                    static_cast<int>(slope.shape(1)),
                                    most};
-            dynamic_background(image, tolerance, agreement, reach, first, last,
+            dynamic_background(image, {tolerance, agreement, reach}, first, last,
                                reinterpret_cast<BackgroundPixel*>(background.data()));
         },
         "light"_a, "slope"_a, "front"_a, "edge"_a, "needed"_a, "most"_a, "tolerance"_a, "agreement"_a, "reach"_a,

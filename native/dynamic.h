@@ -3,6 +3,7 @@
 
 #include <cstdint>
 
+#include "math/behind.h"
 #include "math/cats_eye.h"
 #include "math/sheet_lookup.h"
 #include "math/texel_blur.h"
@@ -56,25 +57,8 @@ void dynamic_blur_along(const MipLevel& level, const MipLevel& passed, const Blu
 void dynamic_blur_down(const MipLevel& passed, const MipLevel& level, const MipLevel& sheet, const BlurRule& rule,
                        int first, int last);
 
-// What is believed to be behind a pixel's surface.
-struct BackgroundPixel {
-    float light[4];
-    float slope;
-    float known;  // 1 or 0
-};
-
-// An image, (H, W), whose surfaces are carried on behind those in front.
-struct FrontImage {
-    const float *light, *slope;  // (H, W, 4), (H, W)
-    const float* front;          // slope of the surface that covers each pixel
-    const std::uint8_t* edge;    // pixels that may show a mixture
-    const std::uint8_t* needed;  // pixels to look behind
-    int height, width;
-    float most;  // greatest slope of all
-};
-
-// Rows [first, last) of what is behind, found up to `reach` steps away.
-void dynamic_background(const FrontImage& image, float tolerance, float agreement, int reach, int first, int last,
+// Rows [first, last) of what is behind the pixels that need it; nothing known elsewhere.
+void dynamic_background(const FrontImage& image, const BehindRule& rule, int first, int last,
                         BackgroundPixel* background);
 
 // Ranges of blocks in block rows [first, last), all sheets' rows counted through.

@@ -50,7 +50,8 @@ def phases(monkeypatch: pytest.MonkeyPatch) -> PhasesMachine:
     monkeypatch.setattr("fewrays.cuda.device.find_device", lambda: card)
     for module in (
         "fewrays.cuda.samples",
-        "fewrays.dynamic.cuda",
+        "fewrays.dynamic",
+        "fewrays.dynamic.device_layer",
         "fewrays.layered",
         "fewrays.multiplane.engine",
         "fewrays.temporal",

@@ -16,6 +16,7 @@ from agreement import assert_agree
 from buffers import random_buffer
 from fewrays import Lens, Multiplane, defocus, reconstruct
 from fewrays.cuda.samples import DeviceSamples
+from fewrays.dynamic import DepthLayer, DeviceLayer, defocus_rgba
 from fewrays.samples import SampleBuffer
 
 pytestmark = pytest.mark.gpu
@@ -86,6 +87,26 @@ def test_dynamic(size: tuple[int, int]) -> None:
     depth = depth[: size[0], : size[1]]
     image = defocus(color, depth, LENS, device="cuda")
     assert_like_the_cpu(image, defocus(color, depth, LENS, device="cpu"))
+
+
+def test_dynamic_layers() -> None:
+    """A layer behind, opacities, and all that the kernels of the preparation do with them."""
+    cupy = pytest.importorskip("cupy")
+    rng = np.random.default_rng(4)
+    shape = (333, 517)
+    arrays = []
+    for _ in range(2):
+        depth = np.repeat(np.repeat(rng.uniform(2, 30, (38, 58)), 9, 0), 9, 1)[: shape[0], : shape[1]]
+        alpha = np.where(rng.random(shape) < 0.3, rng.random(shape), 1.0)
+        arrays.append((rng.random((*shape, 3)) * alpha[..., None], depth, alpha))
+    layers = [DepthLayer(*(each.astype(np.float32) for each in given)) for given in arrays]
+    front, back = layers
+    expected = defocus_rgba(front.color, front.depth, LENS, alpha=front.alpha, behind=[back], device="cpu")
+    color, depth, alpha = (cupy.asarray(each) for each in (front.color, front.depth, front.alpha))
+    behind = DeviceLayer.of_arrays(*(cupy.asarray(each) for each in (back.color, back.depth, back.alpha)))
+    image = defocus_rgba(color, depth, LENS, alpha=alpha, behind=[behind], output="device")
+    assert isinstance(image, cupy.ndarray)
+    assert_like_the_cpu(cupy.asnumpy(image), expected)
 
 
 def test_repeats_are_the_same_bit_by_bit() -> None:

@@ -9,6 +9,7 @@
 #include "../math/texel_blur.h"
 #include "atomics.h"
 #include "block.h"
+#include "each_texel.h"
 
 namespace fewrays {
 
@@ -140,18 +141,6 @@ inline void run_dynamic_synthesize(const SynthesisArguments& a, const Block& blo
         }
         for (int k = 0; k < ray_channels; ++k) a.sums[ray_channels * pixel + k] = sum[k];
         if (a.passed) a.passed[pixel] += passed;
-    });
-}
-
-constexpr int texel_threads = 256;
-
-// Calls work(row, column) for a block's share of an image's pixels.
-template <typename Work>
-inline void each_texel(const Block& block, int height, int width, Work&& work) {
-    block.each([&](int thread) {
-        const std::int64_t at = static_cast<std::int64_t>(block.x()) * texel_threads + thread;
-        const int row = static_cast<int>(at / width), column = static_cast<int>(at % width);
-        if (row < height) work(row, column);
     });
 }
 

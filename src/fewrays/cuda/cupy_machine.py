@@ -7,19 +7,19 @@ of frames of one size allocates once.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
 import cupy
+import cupyx
 import numpy as np
 
-from fewrays.cuda.device import Device
+from fewrays.cuda.device import Device, is_on_card
 from fewrays.cuda.kernel import Kernel
 from fewrays.cuda.source import OPTIONS, program_text
 
 __all__ = ["CupyMachine"]
-
-_DLPACK_CUDA = 2  # DLPack's number for memory of an NVIDIA card
 
 
 class CupyMachine:
@@ -68,13 +68,25 @@ class CupyMachine:
             C-contiguous. Shares memory with what is on the card already, and of that type.
         """
         if not hasattr(array, "__cuda_array_interface__"):
-            there = hasattr(array, "__dlpack_device__") and array.__dlpack_device__()[0] == _DLPACK_CUDA
-            array = cupy.from_dlpack(array) if there else np.asarray(array)
+            array = cupy.from_dlpack(array) if is_on_card(array) else np.asarray(array)
         return cupy.ascontiguousarray(cupy.asarray(array), dtype=dtype)
 
     def on_host(self, array: Any) -> Any:
         """Copy an array to the host and wait for it."""
         return cupy.asnumpy(array)
+
+    def fetch(self, array: Any) -> Callable[[], Any]:
+        """Begin to copy an array to the host; see `fewrays.cuda.machine.Machine.fetch`."""
+        copied = cupyx.empty_pinned(array.shape, array.dtype)
+        array.get(out=copied, blocking=False)
+        done = cupy.cuda.Event(disable_timing=True)
+        done.record()
+
+        def wait() -> Any:
+            done.synchronize()
+            return copied
+
+        return wait
 
 
 @cache

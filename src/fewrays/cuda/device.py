@@ -14,10 +14,12 @@ from fewrays.errors import SampleError
 if TYPE_CHECKING:
     from fewrays.cuda.cupy_machine import CupyMachine
 
-__all__ = ["Device", "announce", "find_device", "pick_device", "require_machine"]
+__all__ = ["Device", "announce", "find_device", "is_on_card", "pick_device", "require_machine"]
 
 LEAST_CAPABILITY = (7, 0)
 """The oldest compute capability that kernels are written for."""
+
+_DLPACK_CUDA = 2  # DLPack's number for memory of an NVIDIA card
 
 
 @dataclass(frozen=True)
@@ -100,6 +102,13 @@ def pick_device(devices: tuple[str, ...], asked: str) -> str:
     if asked == "cuda" and isinstance(missing := find_device(), str):
         raise SampleError(missing, field="device")
     return asked
+
+
+def is_on_card(array: Any) -> bool:
+    """Tell whether an array of whatever library is in the memory of an NVIDIA card."""
+    if hasattr(array, "__cuda_array_interface__"):
+        return True
+    return hasattr(array, "__dlpack_device__") and array.__dlpack_device__()[0] == _DLPACK_CUDA
 
 
 @cache

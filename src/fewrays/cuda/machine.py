@@ -7,6 +7,7 @@ kernels are compiled for the CPU.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from fewrays.cuda.kernel import Kernel
@@ -53,6 +54,12 @@ class Machine(Protocol):
 
     def on_host(self, array: Any) -> Any:
         """Return a NumPy array; waits for what makes it."""
+
+    def fetch(self, array: Any) -> Callable[[], Any]:
+        """Begin to copy an array to the host, and return what waits for that and gives the NumPy array.
+
+        It waits for nothing that is started in between. The array is to be small and not to be changed.
+        """
 
 
 def blocks_for(count: int, kernel: Kernel) -> int:

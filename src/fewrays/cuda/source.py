@@ -15,6 +15,7 @@ __all__ = ["OPTIONS", "PROGRAMS", "kernel_folder", "program_text"]
 
 PROGRAMS = (
     "dynamic",
+    "dynamic_prepare",
     "layered_survey",
     "layered_maps",
     "layered_tiles",

@@ -6,7 +6,7 @@ queried where the view meets the focal plane, and all are blended.
 `depth_layer` is what comes in. `prepare` makes of it the sheets that are warped: `edges` takes antialiased
 edges apart, `fill` carries surfaces on behind others. `prefilter` blurs for what lies between the views.
 `reference` makes the views one after the other in plain NumPy, by `warp` and `synthesis`; `kernel` does the
-same in native code, and `cuda` on a GPU.
+same in native code. `cuda_prepare` and `cuda` do all of it on a GPU.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fewrays.cuda.device import pick_device
+from fewrays.cuda.device import is_on_card, pick_device, require_machine
+from fewrays.cuda.machine import Machine
 from fewrays.dynamic import cuda, fill, kernel, reference
 from fewrays.dynamic.depth_layer import DepthLayer
+from fewrays.dynamic.device_layer import DeviceLayer
 from fewrays.dynamic.options import DefocusOptions
-from fewrays.dynamic.plan import LightField, Sums
-from fewrays.dynamic.prefilter import Blur
+from fewrays.dynamic.plan import LightField, Sums, ViewRules
 from fewrays.dynamic.prepare import Completion, GuessBackground, prepare_sheets
 from fewrays.dynamic.sheet import Sheet
-from fewrays.dynamic.views import Views
 from fewrays.errors import SampleError, require_option
 from fewrays.lens import Lens
 from fewrays.method import Image
 from fewrays.parallel import Execution
 
-__all__ = ["DefocusOptions", "DepthLayer", "defocus", "defocus_rgba", "make_light_field"]
+__all__ = ["DefocusOptions", "DepthLayer", "DeviceLayer", "defocus", "defocus_rgba", "make_light_field"]
 
 
 @dataclass(frozen=True)
 class Engine:
-    """What the devices do in their own ways: guess what is behind an image, and add up all views."""
+    """What the host does in two ways: guess what is behind an image, and add up all views."""
 
     guess_background: GuessBackground
     synthesize: Callable[[LightField, Sums, Execution, npt.NDArray[np.float32] | None], object]
@@ -47,9 +47,11 @@ class Engine:
 ENGINES = {
     "cpu": Engine(kernel.guess_background, kernel.synthesize),
     "reference": Engine(fill.guess_background, reference.synthesize),
-    "cuda": Engine(kernel.guess_background, cuda.synthesize),
 }
-"""By device, the one that ``"auto"`` means without a GPU first."""
+"""By device of the host."""
+
+DEVICES = (*ENGINES, "cuda")
+"""The one that ``"auto"`` means without a GPU first."""
 
 
 def defocus(
@@ -58,10 +60,11 @@ def defocus(
     lens: Lens,
     *,
     alpha: npt.ArrayLike | None = None,
-    behind: Sequence[DepthLayer] = (),
+    behind: Sequence[DepthLayer | DeviceLayer] = (),
     device: str = "auto",
     threads: int | None = None,
     progress: bool = False,
+    output: str = "host",
     **options: Any,
 ) -> Image:
     """Give a pinhole image with depth the depth of field of a lens.
@@ -69,14 +72,14 @@ def defocus(
     Parameters
     ----------
     color : array_like, (H, W, 3)
-        Linear radiance, multiplied by `alpha`.
+        Linear radiance, multiplied by `alpha`. A GPU takes arrays that are in its memory as they are.
     depth : array_like, (H, W)
         Planar depth, > 0, in the lens's units; ``inf`` for a background without distance.
     lens : Lens
         As made for the image's width.
     alpha : array_like, (H, W), optional
         Opacity in [0, 1]; opaque when omitted.
-    behind : sequence of DepthLayer
+    behind : sequence of DepthLayer or DeviceLayer
         What is behind, the nearest first: the further layers of a depth peel or of a deep image.
     device : {"auto", "cpu", "reference", "cuda"}
         ``"cuda"`` is an NVIDIA GPU, which ``"auto"`` means where there is one; ``"reference"`` runs the plain
@@ -85,6 +88,8 @@ def defocus(
         Threads to use; all usable cores when omitted. The result does not depend on it.
     progress : bool
         Show a progress bar on stderr for work over two seconds.
+    output : {"host", "device"}
+        Where an image that a GPU makes is returned: copied to the host, or as a CuPy array, without waiting.
     **options
         Fields of `DefocusOptions`.
 
@@ -113,9 +118,10 @@ def defocus(
         device=device,
         threads=threads,
         progress=progress,
+        output=output,
         **options,
     )
-    return np.ascontiguousarray(rgba[..., :3])
+    return rgba[..., :3].copy()
 
 
 def defocus_rgba(
@@ -124,10 +130,11 @@ def defocus_rgba(
     lens: Lens,
     *,
     alpha: npt.ArrayLike | None = None,
-    behind: Sequence[DepthLayer] = (),
+    behind: Sequence[DepthLayer | DeviceLayer] = (),
     device: str = "auto",
     threads: int | None = None,
     progress: bool = False,
+    output: str = "host",
     **options: Any,
 ) -> Image:
     """Do as `defocus`, for compositing: opacity is blurred along with the colours.
@@ -142,12 +149,23 @@ def defocus_rgba(
         if name not in known:
             raise SampleError(f"no such option; there are {', '.join(known)}", field=name)
     chosen = DefocusOptions(**options)
+    require_option("device", device, device in ("auto", *DEVICES), f"out of auto, {', '.join(DEVICES)}")
+    execution = Execution(
+        device=pick_device(DEVICES, device), threads=threads, progress=progress, output=output
+    )
+    if execution.device == "cuda":
+        machine = require_machine()
+        layers = _layers_on_card(machine, (color, depth, alpha), behind, chosen)
+        rgba: Image = execution.deliver(machine, cuda.defocus_layers(machine, layers, lens, chosen))
+        return rgba
+    for name, array in (("color", color), ("depth", depth), ("alpha", alpha)):
+        if is_on_card(array):
+            raise SampleError("is on a GPU: use device='cuda', or copy it to the host", field=name)
     first = DepthLayer(color, _depth(depth, chosen), alpha)  # type: ignore[arg-type]
-    execution = Execution(device=device, threads=threads, progress=progress)
-    field = make_light_field([first, *behind], lens, chosen, execution)
+    field = make_light_field([first, *behind], lens, chosen, execution)  # type: ignore[list-item]
     sums = np.zeros((first.height, first.width, 5), np.float32)
     passed = np.zeros((first.height, first.width), np.float32) if chosen.darken else None
-    _engine(device).synthesize(field, sums, execution, passed)
+    ENGINES[execution.device].synthesize(field, sums, execution, passed)
     image = _mean(sums, field.sheets)
     if passed is not None:
         image[..., :3] *= passed[..., None] / np.float32(field.views.weight.sum())
@@ -157,7 +175,7 @@ def defocus_rgba(
 def make_light_field(
     layers: Sequence[DepthLayer], lens: Lens, options: DefocusOptions, execution: Execution
 ) -> LightField:
-    """Prepare everything that does not depend on the view.
+    """Prepare everything that does not depend on the view, on the host.
 
     Parameters
     ----------
@@ -166,6 +184,7 @@ def make_light_field(
     lens : Lens
     options : DefocusOptions
     execution : Execution
+        On a device of the host.
 
     Returns
     -------
@@ -176,35 +195,49 @@ def make_light_field(
     SampleError
         For layers that differ in size, or that are no layers.
     """
-    for number, layer in enumerate(layers):
-        if not isinstance(layer, DepthLayer):
-            raise SampleError(
-                f"expected a DepthLayer, got {type(layer).__name__}", field=f"behind[{number - 1}]"
-            )
-        if layer.depth.shape != layers[0].depth.shape:
-            raise SampleError(
-                f"expected {layers[0].depth.shape} pixels, as the first layer's; got {layer.depth.shape}",
-                field=f"behind[{number - 1}]",
-            )
-    aperture = options.aperture_of(lens)
-    views = Views.of_aperture(aperture, options.views, options.lens_points, options.falloff_f_number)
+    _require_alike(layers, DepthLayer)
     completion = Completion(
-        _engine(execution.device).guess_background,
+        ENGINES[execution.device].guess_background,
         execution,
         options.surface_tolerance,
         options.fill_reach,
         options.split_edges,
     )
-    blur: Blur | float | None = None
-    if options.prefilter == "surface":
-        blur = Blur(views.radius * options.footprint, options.surface_tolerance)
-    elif options.prefilter == "mipmap":
-        blur = views.radius * options.footprint
-    sheets = prepare_sheets(layers, lens, completion)
-    rim = None
-    if options.cats_eye > 0:
-        rim = options.vignetting().front_rim(views.uv, layers[0].height, layers[0].width)
-    return LightField(sheets, views, options.surface_tolerance, options.growth, blur, rim)
+    rules = ViewRules.of_options(options, lens, layers[0].height, layers[0].width)
+    return LightField.of_sheets(prepare_sheets(layers, lens, completion), rules)
+
+
+def _layers_on_card(
+    machine: Machine,
+    picture: tuple[Any, Any, Any],
+    behind: Sequence[DepthLayer | DeviceLayer],
+    options: DefocusOptions,
+) -> list[DeviceLayer]:
+    """Copy to the card what is not there yet; the picture is colour, depth and opacity or None."""
+    if any(is_on_card(array) for array in picture):
+        first = DeviceLayer.of_arrays(*picture, invalid_depth=options.invalid_depth, machine=machine)
+        layers: list[DepthLayer | DeviceLayer] = [first, *behind]
+    else:
+        color, depth, alpha = picture
+        layers = [DepthLayer(color, _depth(depth, options), alpha), *behind]  # type: ignore[arg-type]
+    _require_alike(layers, DepthLayer, DeviceLayer)
+    return [
+        DeviceLayer.of_layer(machine, layer) if isinstance(layer, DepthLayer) else layer for layer in layers
+    ]
+
+
+def _require_alike(layers: Sequence[DepthLayer | DeviceLayer], *kinds: type) -> None:
+    """Refuse what is no layer, and layers of another size than the first."""
+    for number, layer in enumerate(layers):
+        field = f"behind[{number - 1}]"
+        if not isinstance(layer, kinds):
+            names = " or a ".join(kind.__name__ for kind in kinds)
+            raise SampleError(f"expected a {names}, got {type(layer).__name__}", field=field)
+        if layer.depth.shape != layers[0].depth.shape:
+            raise SampleError(
+                f"expected {layers[0].depth.shape} pixels, as the first layer's; got {layer.depth.shape}",
+                field=field,
+            )
 
 
 def _depth(depth: npt.ArrayLike, options: DefocusOptions) -> npt.ArrayLike:
@@ -213,11 +246,6 @@ def _depth(depth: npt.ArrayLike, options: DefocusOptions) -> npt.ArrayLike:
         return depth
     values = np.asarray(depth)
     return np.where(values > 0, values, np.inf) if values.dtype.kind in "fiu" else depth
-
-
-def _engine(device: str) -> Engine:
-    require_option("device", device, device in ("auto", *ENGINES), f"out of auto, {', '.join(ENGINES)}")
-    return ENGINES[pick_device(tuple(ENGINES), device)]
 
 
 def _mean(sums: npt.NDArray[np.float32], sheets: Sequence[Sheet]) -> Image:

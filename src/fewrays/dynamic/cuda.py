@@ -1,35 +1,34 @@
 """The dynamic light field on a GPU: ``native/cuda/dynamic.cu``, launched.
 
 Views are made several at a time, for some rows of the image at a time, so that the keys of what every pixel
-sees in them stay in the card's cache. Sheets are prepared on the host (`fewrays.dynamic.prepare`); whatever
-depends on the views happens on the card.
+sees in them stay in the card's cache. `fewrays.dynamic.cuda_prepare` makes the sheets.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass
+from collections.abc import Sequence
+from dataclasses import astuple
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from fewrays.cuda.device import require_machine
 from fewrays.cuda.kernel import Kernel
 from fewrays.cuda.machine import Machine, blocks_for
-from fewrays.dynamic.kernel import NO_SLOPE, warp_pixels
+from fewrays.dynamic import cuda_prepare
+from fewrays.dynamic.cuda_prepare import DeviceSheets, prepare_sheets
+from fewrays.dynamic.device_layer import DeviceLayer
+from fewrays.dynamic.kernel import NO_SLOPE
 from fewrays.dynamic.mipmap import mip_level
-from fewrays.dynamic.plan import LightField, Sums
+from fewrays.dynamic.options import DefocusOptions
+from fewrays.dynamic.plan import ViewRules
 from fewrays.dynamic.prefilter import Blur, level_count
-from fewrays.dynamic.sheet import Sheet
-from fewrays.errors import SampleError
-from fewrays.parallel import Execution
+from fewrays.lens import Lens
 
-__all__ = ["KERNELS", "DeviceField", "synthesize", "synthesize_views", "upload"]
+__all__ = ["KERNELS", "blur_between_views", "defocus_layers", "synthesize_views"]
 
 _VIEWS = 8  # that are made at a time
 _LEAST_ROWS = 16
-_MOST_PIXELS = 2**32 - 1  # of all sheets, which keys number
 _MIP_LEVEL = np.dtype([("texels", "u8"), ("height", "i4"), ("width", "i4")], align=True)
 
 _WARP = Kernel(
@@ -108,105 +107,72 @@ _MIPMAP = Kernel(
     256,
     {"levels": "*u1", "count": "i4", "height": "i4", "width": "i4", "view_radius": "f4"},
 )
-KERNELS = (_WARP, _SYNTHESIZE, _BLUR_ALONG, _BLUR_DOWN, _HALVE, _MIPMAP)
+KERNELS = (*cuda_prepare.KERNELS, _WARP, _SYNTHESIZE, _BLUR_ALONG, _BLUR_DOWN, _HALVE, _MIPMAP)
 """All kernels of the method."""
 
 
-@dataclass(frozen=True, eq=False)
-class DeviceField:
-    """A light field on the card, blurred for what lies between its views.
+def defocus_layers(
+    machine: Machine,
+    layers: Sequence[DeviceLayer],
+    lens: Lens,
+    options: DefocusOptions,
+) -> Any:
+    """Give layers that are on the card the depth of field of a lens.
 
     Parameters
     ----------
-    texels : array of float32, (sheets, H, W, 8)
-        ``Texel`` in ``native/math/sheet_lookup.h``.
-    pixels : array of float32, (sheets, H, W, 2)
-        ``WarpPixel`` there.
-    behind : array of float32, (sheets,)
-        Pixels of slope by which each stands back.
-    veils : array of int32, (sheets,)
-        Number of each one's layer of translucent pixels, from 1 on; 0 for sheets without.
-    layers : int
-        Layers of keys: one, and those of veils.
-    lens_points : array of float32, (N, 3)
-        u, v, weight.
-    rows_around : int
-        Rows beyond which no view shifts a pixel.
-    """
+    machine : Machine
+    layers : sequence of DeviceLayer
+        All of one size, the nearest first.
+    lens : Lens
+    options : DefocusOptions
 
-    texels: Any
-    pixels: Any
-    behind: Any
-    veils: Any
-    layers: int
-    lens_points: Any
-    rows_around: int
-
-
-def synthesize(
-    field: LightField, sums: Sums, execution: Execution, passed: npt.NDArray[np.float32] | None = None
-) -> None:
-    """Add up all views, as `fewrays.dynamic.kernel.synthesize` does.
-
-    Parameters
-    ----------
-    field : LightField
-    sums : ndarray of float32, (H, W, 5)
-        Radiance, opacity and weights of the valid rays are added to it.
-    execution : Execution
-        Not used: a GPU takes no threads and shows no progress.
-    passed : ndarray of float32, (H, W), optional
-        The weights of all rays are added to it, valid or not.
+    Returns
+    -------
+    array of float32, (H, W, 4)
+        Linear radiance multiplied by opacity, and opacity, on the card, which is not waited for.
 
     Raises
     ------
     SampleError
-        Without a GPU, and for images of more pixels than keys can number.
+        As `fewrays.dynamic.cuda_prepare.prepare_sheets` does.
     """
-    del execution
-    machine = require_machine()
-    total, weights = synthesize_views(machine, field, upload(machine, field), vignetting=passed is not None)
-    sums += machine.on_host(total)
+    rules = ViewRules.of_options(options, lens, layers[0].height, layers[0].width)
+    sheets = prepare_sheets(machine, layers, lens, options)
+    from_centre = sheets.texels[0, ..., :4].copy()
+    blur_between_views(machine, sheets, rules)
+    sums, passed = synthesize_views(machine, sheets, rules, vignetting=options.darken)
+    xp, one = machine.xp, np.float32(1)
+    weight = sums[..., 4:]
+    # Where no ray is valid, what the lens centre sees is shown.
+    image = xp.where(weight > 0, sums[..., :4] / xp.where(weight > 0, weight, one), from_centre)
     if passed is not None:
-        passed += machine.on_host(weights)
+        image[..., :3] *= passed[..., None] / np.float32(rules.views.weight.sum())
+    return image
 
 
-def upload(machine: Machine, field: LightField) -> DeviceField:
-    """Copy a light field to the card and blur it."""
-    if len(field.sheets) * field.height * field.width > _MOST_PIXELS:
-        raise SampleError(
-            f"{field.width} x {field.height} pixels in {len(field.sheets)} sheets are more than the GPU's "
-            "kernels can number; use device='cpu'",
-            field="color",
-        )
-    translucent = [bool(((sheet.coverage > 0) & (sheet.coverage < 1)).any()) for sheet in field.sheets]
-    veils = np.where(translucent, np.cumsum(translucent), 0)
-    views = np.column_stack([field.views.uv, field.views.weight])
-    pixels = warp_pixels(field)
-    steepest = max(float(np.abs(sheet.slope).max()) for sheet in field.sheets)
-    shift = float(np.abs(field.views.uv[:, 1]).max()) * (steepest + 0.5 * float(pixels[..., 1].max()))
-    return DeviceField(
-        texels=_texels(machine, field),
-        pixels=machine.on_device(pixels, np.float32),
-        behind=machine.on_device(np.array([sheet.behind for sheet in field.sheets]), np.float32),
-        veils=machine.on_device(veils, np.int32),
-        layers=1 + sum(translucent),
-        lens_points=machine.on_device(views, np.float32),
-        rows_around=math.ceil(min(shift, field.height)) + field.growth + 2,
-    )
+def blur_between_views(machine: Machine, sheets: DeviceSheets, rules: ViewRules) -> None:
+    """Blur the light of sheets in place, and take the slope of what is not out of the way of lookups."""
+    for texels in sheets.texels:
+        if isinstance(rules.blur, Blur):
+            _prefilter(machine, texels, sheets.steepest, rules.blur)
+        elif rules.blur is not None:
+            _mipmap(machine, texels, sheets.steepest, rules.blur)
+    slope, covered = sheets.texels[..., 5], sheets.texels[..., 4] > 0
+    sheets.texels[..., 5] = machine.xp.where(covered, slope, np.float32(NO_SLOPE))
 
 
 def synthesize_views(
-    machine: Machine, field: LightField, device: DeviceField, *, vignetting: bool = False
+    machine: Machine, sheets: DeviceSheets, rules: ViewRules, *, vignetting: bool = False
 ) -> tuple[Any, Any]:
     """Add up all views on the card, without waiting for it.
 
     Parameters
     ----------
     machine : Machine
-    field : LightField
-    device : DeviceField
-        The same on the card.
+    sheets : DeviceSheets
+        Blurred for what lies between the views.
+    rules : ViewRules
     vignetting : bool
         Add up the weights of all rays as well.
 
@@ -217,68 +183,49 @@ def synthesize_views(
     passed : array of float32, (H, W), or None
         The weights of all rays.
     """
-    xp, height, width = machine.xp, field.height, field.width
-    count = len(field.views.uv)
+    xp, height, width = machine.xp, sheets.height, sheets.width
+    uv, count = rules.views.uv, len(rules.views.uv)
     sums = xp.zeros((height, width, 5), np.float32)
     passed = xp.zeros((height, width), np.float32) if vignetting else None
+    layers = 1 + int(sheets.translucent.sum())  # of keys: one, and those of veils
+    veils = np.where(sheets.translucent, np.cumsum(sheets.translucent), 0)
     at_once = min(_VIEWS, count)
-    rows = machine.cache_bytes // 2 // (8 * at_once * device.layers * width)
-    rows = min(max(rows, device.rows_around, _LEAST_ROWS), height)
-    keys = xp.full(at_once * device.layers * rows * width, np.uint64(2**64 - 1), np.uint64)
-    rim = astuple(field.rim) if field.rim is not None else (0.0, 0.0, 0.0, 1.0, 1.0)
-    common = {"texels": device.texels, "lens_points": device.lens_points, "keys": keys}
-    common |= {"height": height, "width": width, "layers": device.layers}
+    rows = machine.cache_bytes // 2 // (8 * at_once * layers * width)
+    around = _rows_around(sheets, rules)
+    rows = min(max(rows, around, _LEAST_ROWS), height)
+    keys = xp.full(at_once * layers * rows * width, np.uint64(2**64 - 1), np.uint64)
+    common = {"texels": sheets.texels, "keys": keys, "height": height, "width": width, "layers": layers}
+    common["lens_points"] = machine.on_device(np.column_stack([uv, rules.views.weight]), np.float32)
+    warping = {"pixels": sheets.pixels, "growth": rules.growth}
+    warping["behind"] = machine.on_device(sheets.behind, np.float32)
+    warping["veils"] = machine.on_device(veils, np.int32)
+    looking = {"sums": sums, "passed": passed, "vignetted": rules.rim is not None}
+    looking["rim"] = astuple(rules.rim) if rules.rim is not None else (0.0, 0.0, 0.0, 1.0, 1.0)
+    looking["tolerance"] = rules.tolerance
     for top in range(0, height, rows):
         bottom = min(top + rows, height)
-        first_row, end_row = max(top - device.rows_around, 0), min(bottom + device.rows_around, height)
+        first_row, end_row = max(top - around, 0), min(bottom + around, height)
         pixels, seen = blocks_for((end_row - first_row) * width, _WARP), (bottom - top) * width
         for first in range(0, count, at_once):
             views = min(at_once, count - first)
             part = common | {"first_view": first, "top": top, "bottom": bottom}
-            machine.launch(
-                _WARP,
-                (pixels, len(field.sheets), views),
-                pixels=device.pixels,
-                behind=device.behind,
-                veils=device.veils,
-                first_row=first_row,
-                end_row=end_row,
-                growth=field.growth,
-                **part,
-            )
-            machine.launch(
-                _SYNTHESIZE,
-                (blocks_for(seen, _SYNTHESIZE), 1, 1),
-                sums=sums,
-                passed=passed,
-                rim=rim,
-                vignetted=field.rim is not None,
-                views=views,
-                tolerance=field.tolerance,
-                **part,
-            )
+            grid = (pixels, len(sheets.behind), views)
+            machine.launch(_WARP, grid, first_row=first_row, end_row=end_row, **warping, **part)
+            grid = (blocks_for(seen, _SYNTHESIZE), 1, 1)
+            machine.launch(_SYNTHESIZE, grid, views=views, **looking, **part)
     return sums, passed
 
 
-def _texels(machine: Machine, field: LightField) -> Any:
-    """Interleave what a lookup reads, blurred: light, coverage, slope and two spare, (sheets, H, W, 8)."""
-    texels = machine.xp.zeros((len(field.sheets), field.height, field.width, 8), np.float32)
-    for texel, sheet in zip(texels, field.sheets, strict=True):
-        coverage = machine.on_device(sheet.coverage, np.float32)
-        texel[..., :4] = machine.on_device(sheet.light, np.float32)
-        texel[..., 4] = coverage
-        texel[..., 5] = machine.on_device(sheet.slope, np.float32)
-        if isinstance(field.blur, Blur):
-            _prefilter(machine, texel, sheet, field.blur)
-        elif field.blur is not None:
-            _mipmap(machine, texel, sheet, field.blur)
-        texel[..., 5][coverage <= 0] = NO_SLOPE
-    return texels
+def _rows_around(sheets: DeviceSheets, rules: ViewRules) -> int:
+    """Return how many rows beyond some of an image's rows hold pixels that views may show in them."""
+    # A surface's slope changes by the tolerance at most, along either axis: no pixel spreads by more.
+    shift = float(np.abs(rules.views.uv[:, 1]).max()) * (sheets.steepest + rules.tolerance)
+    return math.ceil(min(shift, sheets.height)) + rules.growth + 2
 
 
-def _prefilter(machine: Machine, texels: Any, sheet: Sheet, blur: Blur) -> None:
+def _prefilter(machine: Machine, texels: Any, steepest: float, blur: Blur) -> None:
     """Blur a sheet's texels (H, W, 8) in place: twin of `fewrays.dynamic.prefilter.prefilter`."""
-    count = level_count(sheet.slope, blur)
+    count = level_count(steepest, blur)
     if count == 0:
         return
     height, width, _ = texels.shape
@@ -292,10 +239,10 @@ def _prefilter(machine: Machine, texels: Any, sheet: Sheet, blur: Blur) -> None:
         machine.launch(_BLUR_DOWN, grid, sheet=texels, level=number, **down, **rule)
 
 
-def _mipmap(machine: Machine, texels: Any, sheet: Sheet, view_radius: float) -> None:
+def _mipmap(machine: Machine, texels: Any, steepest: float, view_radius: float) -> None:
     """Look a sheet's texels (H, W, 8) up in place: twin of `fewrays.dynamic.mipmap.mipmap`."""
     levels = [texels]
-    for _ in range(math.ceil(float(mip_level(np.abs(sheet.slope).max(), view_radius)))):
+    for _ in range(math.ceil(float(mip_level(steepest, view_radius)))):
         fine = levels[-1]
         coarse = machine.xp.empty((-(-fine.shape[0] // 2), -(-fine.shape[1] // 2), 8), np.float32)
         size = {"fine_height": fine.shape[0], "fine_width": fine.shape[1]}

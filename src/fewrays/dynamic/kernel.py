@@ -19,7 +19,7 @@ from fewrays.dynamic.sheet import Sheet
 from fewrays.dynamic.surfaces import slope_gradient
 from fewrays.parallel import Execution, map_ranges
 
-__all__ = ["NO_SLOPE", "StageSeconds", "guess_background", "synthesize", "warp_pixels"]
+__all__ = ["NO_SLOPE", "StageSeconds", "guess_background", "synthesize"]
 
 Float32 = npt.NDArray[np.float32]
 
@@ -69,7 +69,7 @@ def synthesize(
     StageSeconds
     """
     texels = _texels(field, execution)
-    pixels = warp_pixels(field)
+    pixels = _warp_pixels(field)
     behind = np.array([sheet.behind for sheet in field.sheets], np.float32)
     sheets = _native.Sheets(texels, pixels, behind)
     blocks = _blocks(sheets, field, execution)
@@ -175,7 +175,7 @@ def _texels(field: LightField, execution: Execution) -> Float32:
     return texels
 
 
-def warp_pixels(field: LightField) -> Float32:
+def _warp_pixels(field: LightField) -> Float32:
     """Interleave what warping reads: slope and spread, (sheets, H, W, 2); the spread of what is not is -1."""
     pixels = np.empty((len(field.sheets), field.height, field.width, 2), np.float32)
     for pixel, sheet in zip(pixels, field.sheets, strict=True):

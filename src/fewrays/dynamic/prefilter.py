@@ -57,9 +57,9 @@ class Blur:
         return variance
 
 
-def level_count(slope: Float32, blur: Blur) -> int:
-    """Return how many kernels the widest blur needs."""
-    widest = float(blur.variance(np.abs(slope).max()))
+def level_count(slope: npt.ArrayLike, blur: Blur) -> int:
+    """Return how many kernels the widest blur of some slopes needs."""
+    widest = float(blur.variance(np.abs(np.asarray(slope, np.float32)).max()))
     return next((level for level in range(_MAX_LEVELS) if widest <= _variance(level)), _MAX_LEVELS)
 
 

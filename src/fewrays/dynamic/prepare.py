@@ -21,7 +21,7 @@ from fewrays.dynamic.surfaces import edges_of_surfaces, front_slopes
 from fewrays.lens import Lens
 from fewrays.parallel import Execution
 
-__all__ = ["Completion", "GuessBackground", "prepare_sheets"]
+__all__ = ["LEAST_REACH", "Completion", "GuessBackground", "greatest_slope", "prepare_sheets"]
 
 Float32 = npt.NDArray[np.float32]
 GuessBackground = Callable[
@@ -29,7 +29,8 @@ GuessBackground = Callable[
     Background,
 ]
 
-_LEAST_REACH = 2  # pixels, in which a mixed pixel's background is looked for
+LEAST_REACH = 2
+"""Pixels in which a mixed pixel's background is looked for at least."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class Completion:
         needed: npt.NDArray[np.bool_],
     ) -> Background:
         """Guess what is behind the pixels that need it, as far as the completion reaches."""
-        reach = max(self.fill_reach, _LEAST_REACH)
+        reach = max(self.fill_reach, LEAST_REACH)
         return self.guess(light, slope, front, edge, needed, self.tolerance, reach, self.execution)
 
 
@@ -93,12 +94,17 @@ def prepare_sheets(layers: Sequence[DepthLayer], lens: Lens, completion: Complet
     return sheets
 
 
-def _sheet_of_layer(layer: DepthLayer, lens: Lens) -> Sheet:
-    """Return a layer as it is, seen through a lens.
+def greatest_slope(height: int, width: int) -> int:
+    """Return where slopes are cut off, in pixels.
 
-    Slopes are cut off at four times the image's size: what is blurred so much is spread beyond it anyway.
+    That is four times the image's size: what is blurred so much is spread beyond it anyway.
     """
-    most = np.float32(4 * max(layer.height, layer.width))
+    return 4 * max(height, width)
+
+
+def _sheet_of_layer(layer: DepthLayer, lens: Lens) -> Sheet:
+    """Return a layer as it is, seen through a lens."""
+    most = np.float32(greatest_slope(layer.height, layer.width))
     coverage = np.ones(layer.depth.shape, np.float32) if layer.alpha is None else layer.alpha
     depth = np.where(coverage > 0, layer.depth, np.float32(np.inf))
     with np.errstate(divide="ignore", over="ignore"):
@@ -113,7 +119,7 @@ def _emptiness(sheets: Sequence[Sheet], lens: Lens) -> Sheet | None:
     if not passing.any():
         return None
     shape = sheets[0].slope.shape
-    most = 4 * max(shape)
+    most = greatest_slope(*shape)
     slope = np.full(shape, np.clip(lens.c1, -most, most), np.float32)
     return Sheet(np.zeros((*shape, 4), np.float32), np.ones(shape, np.float32), slope, passing > 0)
 
