@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -62,28 +62,45 @@ SCENES = {
     "two lamps": scene_of([PLATE], (SQUARE, ROUND)),
     "moving lamp": scene_of([PLATE], (SHIFTED,)),
     "moving disc": scene_of([replace(PLATE, motion=(0.6, 0.2, 0.1))], (SQUARE, ROUND)),
+    "passing disc": scene_of([replace(PLATE, motion=(0.4, 8.0, 0.0))]),
     "defocus": scene_of(box((0, 0, 0), (0.5, 0.4), 0.7), (ROUND,), lens_radius=0.3),
 }
 
 
-def textured(samples: SampleBuffer) -> SampleBuffer:
-    """Let the radiance of all lamps vary over them."""
+def with_lights(
+    samples: SampleBuffer, change: Callable[[int, LightSamples], dict[str, npt.NDArray[Any]]]
+) -> SampleBuffer:
+    """Change fields of each lamp's light samples."""
     old = samples.lighting
     assert old is not None
     lights = []
-    for each in old.lights:
+    for number, each in enumerate(old.lights):
         fields = {name: getattr(each, name) for name in each.field_names()}
-        wave = 1 + 0.8 * np.sin(3 * each.luv[..., :1] + [0, 1, 2])
-        lights.append(LightSamples(each.light, **fields | {"radiance": fields["radiance"] * wave}))
+        lights.append(LightSamples(each.light, **fields | change(number, each)))
     lighting = Lighting(old.projection, old.normal, old.depth_gradient, old.unlit, lights)
     return replace(samples, lighting=lighting)
+
+
+def textured(samples: SampleBuffer) -> SampleBuffer:
+    """Let the radiance of all lamps vary over them."""
+
+    def waves(_: int, each: LightSamples) -> dict[str, npt.NDArray[Any]]:
+        return {"radiance": each.radiance * (1 + 0.8 * np.sin(3 * each.luv[..., :1] + [0, 1, 2]))}
+
+    return with_lights(samples, waves)
+
+
+def even(samples: SampleBuffer) -> SampleBuffer:
+    """Let all lamps' radiance be the same everywhere."""
+    return with_lights(samples, lambda _, each: {"radiance": np.full_like(each.radiance, 3.0)})
 
 
 def samples_of(kind: str, spp: int = 3) -> SampleBuffer:
     """Samples of one of the scenes, under textured lamps if its name ends so; or random ones."""
     if kind.startswith("random"):
         if "moving" not in kind:
-            return replace(lit_buffer((5, 6, 3), lights=LIGHTS[:1], moving=False), time=None)
+            samples = replace(lit_buffer((5, 6, 3), lights=LIGHTS[:1], moving=False), time=None)
+            return even(samples) if "even" in kind else samples
         samples = lit_buffer((5, 6, 3))
         motion = np.random.default_rng(1).normal(size=samples.color.shape).astype(np.float32)
         return replace(samples, motion=motion)
@@ -91,7 +108,7 @@ def samples_of(kind: str, spp: int = 3) -> SampleBuffer:
     return textured(samples) if kind.endswith("textured") else samples
 
 
-KINDS = (*SCENES, "disc, textured", "moving disc, textured", "random", "random, moving")
+KINDS = (*SCENES, "disc, textured", "moving disc, textured", "random", "random, even", "random, moving")
 
 
 class CountingMachine(PhasesMachine):
@@ -194,6 +211,22 @@ def test_what_all_of_a_lamp_shines_on_is_not_looked_up(machine: CountingMachine)
 
 
 @pytest.mark.usefixtures("machine")
+def test_a_lamp_that_stands_in_the_ground() -> None:
+    """Its lower half shines from below on normals of shading that lean to it, past what lies there."""
+    cellar = Sheet((0, -0.2, 0), UP, (1, 0, 0), Rectangle((0.5, 0), (1, 2)), seen=False)
+    lamp = aimed((3, 0, 0), (0, 0, 0), (0.5, 0.5), radiance=(40, 30, 20))
+    scene = scene_of([cellar], (lamp,))
+    samples = render_lit(scene, 3)
+    old = samples.lighting
+    assert old is not None
+    leaning = old.normal + 0.8 * scene.camera.turn((1.0, 0.0, 0.0))
+    leaning /= np.linalg.norm(leaning, axis=-1, keepdims=True)
+    lighting = Lighting(old.projection, leaning, old.depth_gradient, old.unlit, old.lights)
+    samples = replace(samples, lighting=lighting)
+    assert_twins(on_card(samples), shaded(samples, "cpu"))
+
+
+@pytest.mark.usefixtures("machine")
 def test_crowds() -> None:
     """Many more samples within R than are looked at closely."""
     samples = render_lit(scene_of([PLATE], size=3), 100)
@@ -204,19 +237,16 @@ def test_crowds() -> None:
 @pytest.mark.usefixtures("machine")
 def test_some_samples_have_no_light() -> None:
     """A lamp without light samples adds nothing, and samples without one get nothing of it."""
-    samples = samples_of("two lamps")
-    old = samples.lighting
-    assert old is not None
-    lights = []
-    for number, each in enumerate(old.lights):
-        fields = {name: getattr(each, name) for name in each.field_names()}
-        gone = np.zeros_like(each.density) if number == 0 else each.density.copy()
-        gone[:5] = 0
-        lights.append(LightSamples(each.light, **fields | {"density": gone}))
-    lighting = Lighting(old.projection, old.normal, old.depth_gradient, old.unlit, lights)
-    samples = replace(samples, lighting=lighting)
+
+    def dimmed(number: int, each: LightSamples) -> dict[str, npt.NDArray[Any]]:
+        left = each.density.copy()
+        left[: None if number == 0 else 5] = 0
+        return {"density": left}
+
+    samples = with_lights(samples_of("two lamps"), dimmed)
+    assert samples.lighting is not None
     actual = on_card(samples)
-    np.testing.assert_allclose(actual[:5], lighting.unlit[:5], rtol=1e-6)
+    np.testing.assert_allclose(actual[:5], samples.lighting.unlit[:5], rtol=1e-6)
     assert_twins(actual, shaded(samples, "cpu"))
 
 

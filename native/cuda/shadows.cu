@@ -322,8 +322,7 @@ private:
             range.include(near.seen);
             quadrants |= NearSurfaces::quadrant_of(near.seen.x, near.seen.y);
         });
-        return sums.blocked >= least_samples && quadrants == NearSurfaces::all_quadrants &&
-               range.one_surface(a_.rule.scaled(to_.spacing));
+        return quadrants == NearSurfaces::all_quadrants && range.one_surface(a_.rule.scaled(to_.spacing));
     }
 
     // Looks farther off, and collects what blocks.

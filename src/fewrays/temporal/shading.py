@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from fewrays import _native
 from fewrays.cuda.device import pick_device, require_machine
+from fewrays.cuda.machine import Machine
 from fewrays.errors import SampleError, require_option
 from fewrays.lighting import Lighting
 from fewrays.native_view import view_light_field
@@ -33,7 +34,7 @@ from fewrays.temporal.shading_cuda import Shading
 from fewrays.temporal.shading_reference import shade_samples
 from fewrays.tiling import Tiling
 
-__all__ = ["shade"]
+__all__ = ["shade", "shading_on"]
 
 Device = Literal["auto", "cpu", "reference", "cuda"]
 Float32 = npt.NDArray[np.float32]
@@ -95,22 +96,50 @@ def shade(
     lighting = samples.lighting
     if lighting is None:
         raise SampleError("these samples come without area lights: take them as they are", field="lighting")
-    share = max(1, light_points // samples.spp)
-    times, first_view = _views(samples, share)
-    rule = SurfaceRule.for_samples(samples, light_points, radius_scale=radius_scale, tent_scale=1)
     execution = Execution(chosen, threads, progress)
-    if chosen == "reference":
-        views = first_view[:, None] + np.arange(share)
-        color = shade_samples(samples, lighting, rule, times, views, execution)
-    elif chosen == "cuda":
+    if chosen == "cuda":
         machine = require_machine()
-        shading = Shading(machine, samples, lighting, rule, times, (first_view, share))
-        color = machine.on_host(shading.run())
+        color = machine.on_host(
+            shading_on(machine, samples, light_points=light_points, radius_scale=radius_scale).run()
+        )
     else:
-        color = _shade_tiles(samples, lighting, rule, times, (first_view, share), execution)
+        rule, times, views = _plan(samples, light_points, radius_scale)
+        shade_all = _shade_by_definition if chosen == "reference" else _shade_tiles
+        color = shade_all(samples, lighting, rule, times, views, execution)
     if correction:
         color = settle(samples, lighting, color, correction)
     return replace(samples, color=color, lighting=None)
+
+
+def shading_on(
+    machine: Machine, samples: SampleBuffer, *, light_points: int = 128, radius_scale: float = 1.4
+) -> Shading:
+    """Prepare what a card makes of samples with lighting, but for the correction; options as for `shade`."""
+    assert samples.lighting is not None
+    rule, times, views = _plan(samples, light_points, radius_scale)
+    return Shading(machine, samples, samples.lighting, rule, times, views)
+
+
+def _plan(
+    samples: SampleBuffer, light_points: int, radius_scale: float
+) -> tuple[SurfaceRule, Float32, tuple[Int32, int]]:
+    """Return the camera samples' rule, the views' times, each sample's first view, and how many it gets."""
+    share = max(1, light_points // samples.spp)
+    times, first_view = _views(samples, share)
+    rule = SurfaceRule.for_samples(samples, light_points, radius_scale=radius_scale, tent_scale=1)
+    return rule, times, (first_view, share)
+
+
+def _shade_by_definition(
+    samples: SampleBuffer,
+    lighting: Lighting,
+    rule: SurfaceRule,
+    times: Float32,
+    views: tuple[Int32, int],
+    execution: Execution,
+) -> Float32:
+    first_view, share = views
+    return shade_samples(samples, lighting, rule, times, first_view[:, None] + np.arange(share), execution)
 
 
 def _shade_tiles(
@@ -121,7 +150,7 @@ def _shade_tiles(
     views: tuple[Int32, int],
     execution: Execution,
 ) -> Float32:
-    """Return what `shade_samples` does, from native code; `views` is what `_views` says, with the share."""
+    """Return what `shade_samples` does, from native code; `times` and `views` are what `_plan` says."""
     field = view_light_field(samples)
     lights = native_lights(samples, lighting, rule, len(times))
     first_view, share = views
