@@ -168,13 +168,11 @@ inline void run_shadows_clear(const ShadeArguments& a, const Block& block, Nothi
         const LitSample sample(a, i);
         const ClearView view(a.frame, sample.point_at(first), vector_at(a.facing, i), a.spacing[i], a.rule.radius,
                              a.farthest, first, last);
-        if (!view.decides() || walk(
-                                   a, [&](const TreeNode& node) { return view.may_matter(node); },
-                                   [&](std::int32_t place) {
-                                       const PlacedSample& other = a.placed[place];
-                                       return view.may_block(other.path, a.far_slope, other.spacing);
-                                   }))
-            return;
+        const auto may_matter = [&](const TreeNode& node) { return view.may_matter(node); };
+        const auto may_block = [&](std::int32_t place) {
+            return view.may_block(a.placed[place].path, a.far_slope, a.placed[place].spacing);
+        };
+        if (!view.decides() || walk(a, may_matter, may_block)) return;
         a.open[i] = 0;
         sample.add_light([&](const LightView&, const Incidence&, const Vector&, float* radiance) {
             copy_even_radiance(a, radiance);
@@ -354,21 +352,19 @@ private:
         const float most = spread * a_.rule.radius * to_.spacing;
         const Box box{to_.at.x - most, to_.at.x + most, to_.at.y - most, to_.at.y + most};
         const View& view = light_.view;
-        walk(
-            a_, [&](const TreeNode& node) { return node.meets(box, view); },
-            [&](std::int32_t place) {
-                const PlacedSample& placed = a_.placed[place];
-                if (depth_at(placed.path, view.time) < nearest_depth) return false;
-                const Sight sight = sight_of(placed.path, view.u, view.v, view.time, a_.far_slope);
-                const float dx = sight.x - to_.at.x, dy = sight.y - to_.at.y;
-                const float reach = a_.rule.radius * std::min(placed.spacing, to_.spacing), limit = spread * reach;
-                if (!(dx * dx + dy * dy <= limit * limit)) return false;
-                const std::int32_t number = a_.order[place];
-                const float away = std::sqrt(dx * dx + dy * dy);
-                const SeenSample seen{dx, dy, sight.slope, sight.speed_x, sight.speed_y, number};
-                visit(NearLight{seen, away, reach, blocks(seen, away)});
-                return false;
-            });
+        const auto may = [&](const TreeNode& node) { return node.meets(box, view); };
+        walk(a_, may, [&](std::int32_t place) {
+            const PlacedSample& placed = a_.placed[place];
+            if (depth_at(placed.path, view.time) < nearest_depth) return false;
+            const Sight sight = sight_of(placed.path, view.u, view.v, view.time, a_.far_slope);
+            const float dx = sight.x - to_.at.x, dy = sight.y - to_.at.y;
+            const float reach = a_.rule.radius * std::min(placed.spacing, to_.spacing), limit = spread * reach;
+            if (!(dx * dx + dy * dy <= limit * limit)) return false;
+            const float away = std::sqrt(dx * dx + dy * dy);
+            const SeenSample seen{dx, dy, sight.slope, sight.speed_x, sight.speed_y, a_.order[place]};
+            visit(NearLight{seen, away, reach, blocks(seen, away)});
+            return false;
+        });
     }
 
     // Whether a light sample stops the receiver's light: not if it ends behind the receiver's tangent plane, or the
@@ -395,12 +391,12 @@ inline void run_shadows_light(const ShadeArguments& a, const Block& block, Nothi
         if (k >= a.count) return;
         const std::int64_t i = a.listed[k];
         NearestBlockers blockers;
-        LitSample(a, i).add_light(
-            [&](const LightView& light, const Incidence& seen, const Vector& point, float* radiance) {
-                const Receiver to =
-                    receiver_of(light.frame, light.point, point, vector_at(a.facing, i), seen, a.spacing[i]);
-                return LampReading(a, light, to).shines(blockers, radiance);
-            });
+        const Vector facing = vector_at(a.facing, i);
+        const auto look_up = [&](const LightView& light, const Incidence& seen, const Vector& point, float* radiance) {
+            const Receiver to = receiver_of(light.frame, light.point, point, facing, seen, a.spacing[i]);
+            return LampReading(a, light, to).shines(blockers, radiance);
+        };
+        LitSample(a, i).add_light(look_up);
     });
 }
 
