@@ -12,8 +12,9 @@ from PIL import ImageDraw
 import fewrays
 from contenders import PUBLISHED
 from fewrays.sources.analytic import Mask, Plane, sample, smooth_noise
+from fewrays.sources.analytic_shadows import Ball, Camera, Scene, Sheet, aimed, box, render_lit
 
-__all__ = ["LEAF_LENS", "count_layers", "leaf_planes", "leaf_stack", "repeated", "seen_from"]
+__all__ = ["LEAF_LENS", "count_layers", "leaf_planes", "leaf_stack", "lit_ground", "repeated", "seen_from"]
 
 LEAF_LENS = fewrays.Lens(-40.0, 10.0, aperture="gaussian", sampling="square")
 _CELL = 128  # pixels; each leafy plane has one leaf in some of these
@@ -77,6 +78,29 @@ def leaf_stack(
         color = smooth_noise(6.0, mean=rng.uniform(0.2, 0.8, 3).tolist(), waves=8, seed=seed + 1 + number)
         stack.append(Plane(LEAF_LENS.depth(float(slope)), color, _leaves(height, width, share, rng)))
     return stack
+
+
+def lit_ground(height: int, width: int, spp: int) -> fewrays.SampleBuffer:
+    """Sample balls and boxes on the ground under two lamps, of which a fifth of the samples sees only parts.
+
+    Parameters
+    ----------
+    height, width : int
+        In pixels.
+    spp : int
+        Samples per pixel, each with a light sample of both lamps.
+    """
+    camera = Camera(height, width, position=(0, 3, 4), target=(0, 0.3, 0), fov=45, lens_radius=0.05)
+    things = [
+        thing
+        for x in (-1.5, 0.0, 1.5)
+        for thing in (Ball((x, 0.4, 0.3), 0.4), *box((x + 0.6, 0, -0.6), (0.3, 0.2), 0.7, turn=30.0))
+    ]
+    lamps = [
+        aimed((1, 4, 1), (0, 0, 0), (0.6, 0.3), radiance=(10, 8, 6)),
+        aimed((-2, 3, 1), (0, 0, 0), (0.3, 0.5), "disc", radiance=(4, 8, 2)),
+    ]
+    return render_lit(Scene(camera, [Sheet((0, 0, 0), (0, 1, 0), (1, 0, 0)), *things], lamps), spp)
 
 
 def repeated(samples: fewrays.SampleBuffer, times: int) -> fewrays.SampleBuffer:

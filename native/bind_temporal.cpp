@@ -3,8 +3,11 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include <algorithm>
+#include <cstring>
 #include <optional>
 #include <tuple>
+#include <vector>
 
 #include "bindings.h"
 #include "temporal.h"
@@ -12,6 +15,8 @@
 
 namespace fewrays {
 namespace {
+
+constexpr nb::ssize_t tree_node_words = sizeof(TreeNode) / sizeof(std::int32_t);
 
 // Locations, empty, single, quadrants, covered, last, wide, surfaces, merged.
 using Statistics = std::tuple<std::int64_t, std::int64_t, std::int64_t, std::int64_t, std::int64_t, std::int64_t,
@@ -92,6 +97,16 @@ void bind_temporal(nb::module_& m) {
              nb::call_guard<nb::gil_scoped_release>(), "field"_a, "rule"_a)
         .def_prop_ro("leaf_count", &SampleTree::leaf_count)
         .def_prop_ro("nbytes", &SampleTree::bytes)
+        .def_prop_ro("node_count", &SampleTree::node_count)
+        .def(
+            "write_depth_first",
+            [](const SampleTree& self, Array<std::int32_t, -1, tree_node_words> nodes, Array<std::int32_t, -1> order) {
+                std::vector<TreeNode> found(self.node_count());
+                self.write_depth_first(found.data());
+                std::memcpy(nodes.data(), found.data(), found.size() * sizeof(TreeNode));
+                std::copy(self.order().begin(), self.order().end(), order.data());
+            },
+            "nodes"_a, "order"_a)
         .def(
             "query",
             [](const SampleTree& self, float x, float y, float u, float v, float time, float radius) {

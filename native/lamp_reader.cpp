@@ -8,13 +8,6 @@
 namespace fewrays {
 namespace {
 
-constexpr float second_look = 1.5f;    // times R: the radius that decides between light and shadow
-constexpr float wide = 2;              // times R: the radius within which surfaces are told apart
-constexpr float roughness = 1;         // of a surface: what juts out less than it lies to the side does not block
-constexpr float widest = 12;           // times R: how far samples are looked for where there are none nearer
-constexpr int enough = 8;              // samples within R to tell light from shadow
-constexpr int most_blockers = 32;      // around a receiver that are looked at closely: of more, the nearest
-constexpr float least_weight = 1e-6f;  // of a sample under the tent: where there are no others it counts
 constexpr int lanes = read_beyond;
 
 // What is within R: how many hits are in front, and sums under the tent over the others.
@@ -72,18 +65,6 @@ FEWRAYS_CLONES Glimpse glimpse_of_weight(const Sights& sights, const SightRow* r
 
 }  // namespace
 
-TangentPlane tangent_plane(const LightFrame& frame, Vector light_point, const Receiver& to) {
-    TangentPlane plane{};
-    plane.unit = frame.unit();
-    plane.start = dot(to.facing, light_point - to.point);
-    plane.step = dot(to.facing, Vector{to.at.x, to.at.y, frame.distance} - light_point);
-    plane.across_x = to.facing.x;
-    plane.across_y = to.facing.y;
-    plane.precision = to.precision;
-    plane.roughness = roughness * to.point.z / frame.distance;
-    return plane;
-}
-
 void LampReader::fill(const Box& places, float most_spacing, int view, float time) {
     frame_ = lamp_.frame_at(time);
     light_point_ = lamp_.light_point(view);
@@ -92,20 +73,11 @@ void LampReader::fill(const Box& places, float most_spacing, int view, float tim
     grid_.fill({places.left - margin, places.right + margin, places.top - margin, places.bottom + margin}, view_, cell);
 }
 
-// From the light point to a place on the second plane.
-Vector LampReader::towards(const Receiver& to, float dx, float dy) const {
-    return Vector{to.at.x + dx, to.at.y + dy, frame_.distance} - light_point_;
-}
-
-// Whether a light sample that ends in front of the receiver's tangent plane stops its light: not if the receiver lies
-// in front of the tangent plane of what the sample hit, as in a hollow.
+// Whether a light sample that ends in front of the receiver's tangent plane stops its light.
 bool LampReader::blocks(const Receiver& to, std::ptrdiff_t number, float share, float dx, float dy) const {
     if (!lamp_.arrives[number]) return true;
     const float* const f = lamp_.facing + 3 * number;
-    const Vector facing = frame_.turn({f[0], f[1], f[2]});
-    const Vector hit = light_point_ + share * towards(to, dx, dy);
-    const float side = dot(facing, light_point_ - hit) >= 0 ? 1.0f : -1.0f;
-    return side * dot(facing, to.point - hit) < -to.precision;
+    return lies_behind(frame_, light_point_, to, frame_.turn({f[0], f[1], f[2]}), share, dx, dy);
 }
 
 // Makes a crowd of the samples within `spread` times R that stop light, and averages the radiance of the others within

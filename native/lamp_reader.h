@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "math/light.h"
+#include "math/receiver.h"
 #include "tree_gatherer.h"
 #include "view_grid.h"
 
@@ -32,19 +32,6 @@ struct Lamp {
         return {frame.unit() * points[2 * view], frame.unit() * points[2 * view + 1], 0.0f};
     }
 };
-
-constexpr float rounding = 2e-5f;  // of the distances that a point's place is made of
-
-// A point that may be lit, in light space.
-struct Receiver {
-    Vector point, facing;  // facing is the normal of its tangent plane towards the light
-    PlanePosition at;      // on the second plane
-    float spacing;         // of light samples around it
-    float precision;       // distance that rounding may move points by
-};
-
-// Of a receiver, as a light point in light space sees it.
-TangentPlane tangent_plane(const LightFrame& frame, Vector light_point, const Receiver& to);
 
 class LampReader {
 public:
@@ -80,7 +67,6 @@ private:
     void find_near(const Sights& sights, const SightRow* rows, int row_count, PlanePosition at, const Receiver& to,
                    float radius);
     bool blocks(const Receiver& to, std::ptrdiff_t number, float share, float dx, float dy) const;
-    Vector towards(const Receiver& to, float dx, float dy) const;
 
     const Lamp& lamp_;
     const SurfaceRule rule_;

@@ -300,4 +300,23 @@ SampleTree::SampleTree(const LightField& field, const TreeRule& rule) : field_(f
     agglomerate(nodes_);
 }
 
+void SampleTree::write_depth_first(TreeNode* nodes) const {
+    std::vector<std::int32_t> size(nodes_.size(), 1);  // of the subtree; children come before their parents
+    for (std::size_t i = 0; i < nodes_.size(); ++i)
+        if (!nodes_[i].leaf()) size[i] += size[nodes_[i].first] + size[nodes_[i].second];
+    std::vector<std::int32_t> left;
+    if (!nodes_.empty()) left.push_back(static_cast<std::int32_t>(nodes_.size()) - 1);
+    for (std::int32_t place = 0; !left.empty(); ++place) {
+        const std::int32_t number = left.back();
+        left.pop_back();
+        const TreeNode& node = nodes_[number];
+        nodes[place] = node;
+        if (node.leaf()) continue;
+        nodes[place].first = place + 1;
+        nodes[place].second = place + size[number];
+        left.push_back(node.second);
+        left.push_back(node.first);
+    }
+}
+
 }  // namespace fewrays

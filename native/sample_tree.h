@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "math/reprojection.h"
+#include "math/tree_node.h"
 
 namespace fewrays {
 
@@ -28,37 +29,6 @@ struct LightField {
     Path path(std::int32_t i) const {
         return path_of(xy[2 * i], xy[2 * i + 1], uv[2 * i], uv[2 * i + 1], depth[i], time ? time[i] : 0.0f,
                        motion ? motion + 3 * std::ptrdiff_t{i} : nullptr, c0, c1);
-    }
-};
-
-// A lens point and a time.
-struct View {
-    float u, v, time;
-};
-
-struct Box {
-    float left, right, top, bottom;
-};
-
-// The function lens * a + time * b + c.
-struct Plane {
-    float a, b, c;
-
-    float at(float lens, float time) const { return a * lens + b * time + c; }
-};
-
-// A group of samples, between planes wherever on the lens they are seen from and whenever (Eq. 6).
-struct TreeNode {
-    Plane left, right, top, bottom;
-    float nearest, farthest;     // slopes
-    float opens, closes;         // the times at which any of the samples can be seen
-    std::int32_t first, second;  // children; of a leaf the first sample as ~first, and the end
-
-    bool leaf() const { return first < 0; }
-    bool meets(const Box& box, const View& view) const {
-        return left.at(view.u, view.time) <= box.right && right.at(view.u, view.time) >= box.left &&
-               top.at(view.v, view.time) <= box.bottom && bottom.at(view.v, view.time) >= box.top &&
-               opens <= view.time && view.time <= closes;
     }
 };
 
@@ -113,7 +83,14 @@ public:
         return false;
     }
 
+    // Writes the nodes in depth-first order, from the root on: to be walked without a stack. What follows a node, or
+    // its first child, is the next; behind an inner node's last descendant is its `second`. Leaves are as they were.
+    void write_depth_first(TreeNode* nodes) const;
+
     const LightField& field() const { return field_; }
+    // Numbers of the samples, leaf by leaf.
+    const std::vector<std::int32_t>& order() const { return order_; }
+    std::size_t node_count() const { return nodes_.size(); }
     std::size_t leaf_count() const { return leaf_count_; }
     std::size_t bytes() const { return order_.capacity() * sizeof(order_[0]) + nodes_.capacity() * sizeof(nodes_[0]); }
 

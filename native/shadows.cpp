@@ -7,7 +7,6 @@
 namespace fewrays {
 namespace {
 
-constexpr float grazing = 1e-3f;  // cosine at the lamp below which its light does not matter
 constexpr float most_ratio = 2;   // of spacings that share a grid of light samples
 constexpr float grid_border = 6;  // cells of a grid around its receivers, of the side R
 constexpr float spare_cells = 2;  // that a grid may have for each of its receivers, and of its border's
@@ -100,10 +99,9 @@ void Relighting::add_receiver(std::size_t number, Vector point, int view, float 
                               float* sums) {
     const Lamp& lamp = plan_.lamps[number];
     const LightFrame frame = lamp.frame_at(time);
-    const Vector light_point = lamp.light_point(view), to_light = frame.leave(light_point) - point;
-    const Vector local = frame.enter(point);
-    const float distance = length(to_light), cosine = local.z / distance;
-    if (!(cosine > grazing)) return;
+    const Vector light_point = lamp.light_point(view);
+    const Incidence seen = incidence_of(frame, light_point, point);
+    if (!seen.matters()) return;
 
     Lit lit{};
     const float* const all_spacings = lamp.tree->field().spacing;
@@ -113,19 +111,17 @@ void Relighting::add_receiver(std::size_t number, Vector point, int view, float 
         if (!(all_spacings[i] > 0)) continue;
         spacing += each.weight * all_spacings[i];
         sum_of_weights += each.weight;
-        const float own = each.weight * std::max(dot(vector_at(plan_.normal, i), to_light), 0.0f) / distance;
+        const float own = each.weight * std::max(dot(vector_at(plan_.normal, i), seen.to_light), 0.0f) / seen.distance;
         for (int channel = 0; channel < 3; ++channel) lit.gain[channel] += own * lamp.reflectance[3 * i + channel];
     }
-    const float factor = weight * lamp.area * cosine / (distance * distance);
+    const float factor = weight * seen.factor(lamp.area);
     for (float& gain : lit.gain) gain *= factor;
     if (lit.gain[0] == 0 && lit.gain[1] == 0 && lit.gain[2] == 0) return;
     if (full) {
         for (int channel = 0; channel < 3; ++channel) sums[channel] += lit.gain[channel] * lamp.radiance[channel];
         return;
     }
-    const Vector facing = frame.turn(dot(facing_, to_light) >= 0 ? facing_ : -1.0f * facing_);
-    lit.receiver = {local, facing, on_second_plane(frame, light_point, local), spacing / sum_of_weights,
-                    rounding * (distance + length(point) + length(frame.center))};
+    lit.receiver = receiver_of(frame, light_point, point, facing_, seen, spacing / sum_of_weights);
     lit.sums = sums;
     lit_[number].push_back(lit);
 }

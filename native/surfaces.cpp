@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "math/reprojection.h"
+#include "math/surround.h"
 #include "simd.h"
 
 namespace fewrays {
@@ -563,19 +564,10 @@ bool Surfaces::fills_quadrants() const {
 
 // Whether a line through the location has all of the surface on one side: then no triangle holds it.
 bool Surfaces::on_one_side(int n) const {
-    const float *const x = ring_x_.data(), *const y = ring_y_.data();
-    const auto turn = [&](int a, int b) { return x[a] * y[b] - y[a] * x[b]; };
-    int left = -1, right = -1;  // the farthest from the first, turning either way
-    for (int i = 0; i < n; ++i) {
-        const float side = turn(0, i);
-        if (side >= 0) {
-            if (side == 0 && x[0] * x[i] + y[0] * y[i] <= 0 && i > 0) return false;
-            if (left < 0 || turn(left, i) > 0) left = i;
-        } else if (right < 0 || turn(right, i) < 0) {
-            right = i;
-        }
-    }
-    return right < 0 || turn(right, left) > 0;
+    Surround surround;
+    for (int i = 0; i < n; ++i)
+        if (surround.add(ring_x_[i], ring_y_[i])) return false;
+    return !surround.closed();
 }
 
 // The mean of the surface under a tent, which is widened until it holds a sample; or the nearest sample.

@@ -56,6 +56,7 @@ def phases(monkeypatch: pytest.MonkeyPatch) -> PhasesMachine:
         "fewrays.multiplane.engine",
         "fewrays.temporal",
         "fewrays.temporal.cuda",
+        "fewrays.temporal.shading",
     ):
         monkeypatch.setattr(f"{module}.require_machine", lambda: machine)
     return machine

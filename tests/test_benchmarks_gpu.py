@@ -52,6 +52,7 @@ def test_the_page_is_written(
     gpu: Any, phases: PhasesMachine, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(gpu, "SIZES", ((18, 32),))
+    monkeypatch.setattr(gpu, "LIT_SIZES", ((18, 32),))
     monkeypatch.setattr(gpu, "TARGETS", {"multiplane, build": {(18, 32): 1e9}})
     monkeypatch.setattr(gpu, "require_machine", lambda: phases)
     monkeypatch.setattr(gpu, "find_device", importlib.import_module("fewrays.cuda.device").find_device)
@@ -64,6 +65,7 @@ def test_the_page_is_written(
         "multiplane_evidence",
         "dynamic_synthesize",
         "temporal_resolve",
+        "shadows_light",
         "GTX 680",
         "to the host",
     ):

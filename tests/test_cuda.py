@@ -20,6 +20,7 @@ from fewrays.multiplane.cuda import build as multiplane_build
 from fewrays.multiplane.cuda import render as multiplane_render
 from fewrays.multiplane.cuda import smoothing as multiplane_smoothing
 from fewrays.temporal import cuda as temporal_cuda
+from fewrays.temporal import shading_cuda
 from phases import compile_phases
 
 KERNELS = (
@@ -29,6 +30,7 @@ KERNELS = (
     *multiplane_build.KERNELS,
     *multiplane_render.KERNELS,
     *multiplane_smoothing.KERNELS,
+    *shading_cuda.KERNELS,
     *temporal_cuda.KERNELS,
 )
 
@@ -49,7 +51,7 @@ def test_every_kernel_is_described() -> None:
     described = {kernel.name for kernel in KERNELS}
     for program in source.PROGRAMS:
         text = (source.kernel_folder() / f"{program}.cu").read_text(encoding="utf-8")
-        written = set(re.findall(r"^FEWRAYS_KERNEL(?:_WITH_WORDS)?\((\w+),", text, re.MULTILINE))
+        written = set(re.findall(r"^FEWRAYS_KERNEL(?:_WITH_\w+)?\((\w+),", text, re.MULTILINE))
         assert written == {kernel.name for kernel in KERNELS if kernel.program == program}
         assert written <= described
 

@@ -14,10 +14,11 @@ import pytest
 
 from agreement import assert_agree
 from buffers import random_buffer
-from fewrays import Lens, Multiplane, defocus, reconstruct
+from fewrays import Lens, Multiplane, defocus, reconstruct, shade
 from fewrays.cuda.samples import DeviceSamples
 from fewrays.dynamic import DepthLayer, DeviceLayer, defocus_rgba
 from fewrays.samples import SampleBuffer
+from fewrays.sources.analytic_shadows import Ball, Camera, Scene, Sheet, aimed, render_lit
 
 pytestmark = pytest.mark.gpu
 
@@ -56,6 +57,22 @@ def samples_of(size: tuple[int, int], *, moving: bool = False) -> SampleBuffer:
     return SampleBuffer(**fields, lens=LENS, time=rng.random(samples.depth.shape), motion=motion)
 
 
+def lit_samples(size: tuple[int, int], *, moving: bool = False) -> SampleBuffer:
+    """Balls on the ground under two lamps, a rectangle and a disc; one ball and one lamp may move."""
+    camera = Camera(*size, position=(0, 3, 4), target=(0, 0.3, 0), fov=35, lens_radius=0.1)
+    shift = (0.3, 0.1, 0.0) if moving else (0.0, 0.0, 0.0)
+    shapes = [
+        Sheet((0, 0, 0), (0, 1, 0), (1, 0, 0)),
+        Ball((-0.5, 0.5, 0), 0.5, motion=shift),
+        Ball((0.6, 0.3, 0), 0.3),
+    ]
+    lamps = [
+        aimed((1, 4, 1), (0, 0, 0), (0.6, 0.3), radiance=(10, 8, 6)),
+        aimed((-2, 3, 1), (0, 0, 0), (0.3, 0.5), "disc", motion=shift, radiance=(4, 8, 2)),
+    ]
+    return render_lit(Scene(camera, shapes, lamps), 2)
+
+
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("moving", [False, True])
 def test_multiplane(size: tuple[int, int], moving: bool) -> None:
@@ -70,6 +87,18 @@ def test_temporal(size: tuple[int, int], moving: bool) -> None:
     samples = samples_of(size, moving=moving)
     image = reconstruct(samples, "temporal", device="cuda", locations=8)
     assert_like_the_cpu(image, reconstruct(samples, "temporal", device="cpu", locations=8))
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("moving", [False, True])
+def test_shading(size: tuple[int, int], moving: bool) -> None:
+    samples = lit_samples(size, moving=moving)
+    image, expected = (
+        shade(samples, light_points=16, correction=0.0, device=where).color.mean(axis=2)
+        for where in ("cuda", "cpu")
+    )
+    assert_like_the_cpu(image, expected)
+    assert abs(float(image.mean() / expected.mean()) - 1) < 1e-4
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -117,7 +146,10 @@ def test_repeats_are_the_same_bit_by_bit() -> None:
     color, depth = rng.random((360, 640, 3)), rng.uniform(2, 30, (360, 640))
     blurred = defocus(color, depth, LENS, device="cuda")
     others = {name: reconstruct(samples, name, device="cuda", **given) for name, given in OTHERS.items()}
+    lit = lit_samples((180, 320))
+    shaded = shade(lit, light_points=16, device="cuda").color
     for _ in range(10):
+        np.testing.assert_array_equal(shade(lit, light_points=16, device="cuda").color, shaded)
         for name, given in OTHERS.items():
             np.testing.assert_array_equal(reconstruct(samples, name, device="cuda", **given), others[name])
         again = Multiplane.build(samples, device="cuda")

@@ -59,6 +59,13 @@ struct Own {
         fewrays::run_##name(arguments, fewrays::Block{}, shared);                                             \
     }
 
+// Of a kernel whose threads need many registers: they get them, for fewer threads at once.
+#define FEWRAYS_KERNEL_WITH_REGISTERS(name, threads, Arguments, Shared)                                          \
+    extern "C" __global__ void __launch_bounds__(threads, 1) name(const __grid_constant__ Arguments arguments) { \
+        __shared__ Shared shared;                                                                                \
+        fewrays::run_##name(arguments, fewrays::Block{}, shared);                                                \
+    }
+
 // Of a kernel that takes more shared memory, of a size that its launch says: so much that a multiprocessor has room for
 // one block, which may have all registers.
 #define FEWRAYS_KERNEL_WITH_WORDS(name, threads, Arguments, Shared)                                              \
@@ -134,6 +141,7 @@ void run_grid(Kernel kernel, const Arguments& arguments, int threads, int column
     }                                                                                                                \
     extern "C" int name##_threads() { return threads; }                                                              \
     extern "C" int name##_argument_bytes() { return static_cast<int>(sizeof(Arguments)); }
+#define FEWRAYS_KERNEL_WITH_REGISTERS FEWRAYS_KERNEL
 #define FEWRAYS_KERNEL_WITH_WORDS FEWRAYS_KERNEL
 
 #endif

@@ -12,19 +12,13 @@
 #include "atomics.h"
 #include "block.h"
 #include "device_samples.h"
+#include "surfaces.h"
 
 namespace fewrays {
 
 constexpr int most_samples = 512;      // near a location that are looked at closely: of more, the nearest
-constexpr int least_samples = 4;       // of a surface that stands on its own
 constexpr float widest = 8.0f;         // radius in R up to which samples are looked for
 constexpr float least_weight = 1e-6f;  // of a sample however far it is from its own lens point
-
-// Samples as a view sees them.
-struct SeenSample {
-    float x, y, slope, speed_x, speed_y;
-    std::int32_t source;  // its number; -1 where the view does not see it
-};
 
 // Square cells over the image and a border around it.
 struct CellGrid {
@@ -103,10 +97,6 @@ inline void run_temporal_arrange(const SortArguments& a, const Block& block, Not
     });
 }
 
-struct DeviceRule {
-    float radius, along_lens, along_time, tolerance, tent, overhang;  // as of SurfaceRule in plan.py
-};
-
 constexpr int resolve_threads = 128;
 constexpr int most_bands = 8;
 
@@ -141,9 +131,10 @@ public:
             return true;
         }
         if (near_.count > 0) {
-            sort_by_slope();
-            const int end = end_of_group(0);
-            if (end == near_.count || fills_quadrants(0, end) || covers(0, end)) {
+            NearSurfaces surfaces = near_surfaces();
+            surfaces.sort_by_slope();
+            const int end = surfaces.end_of_group(0);
+            if (end == near_.count || surfaces.fills_quadrants(0, end) || surfaces.covers(0, end)) {
                 filter(0, end, a_.rule.tent * radius, seen);
                 return true;
             }
@@ -161,6 +152,7 @@ public:
     }
 
 private:
+    FEWRAYS_INLINE NearSurfaces near_surfaces() { return {a_.rule, a_.sorted, near_.place, near_.count, x_, y_}; }
     FEWRAYS_INLINE const SeenSample& sample(int i) const { return a_.sorted[near_.place[i]]; }
     FEWRAYS_INLINE float away_x(int i) const { return sample(i).x - x_; }
     FEWRAYS_INLINE float away_y(int i) const { return sample(i).y - y_; }
@@ -207,109 +199,22 @@ private:
     FEWRAYS_INLINE bool glance(float radius) {
         look(radius);
         if (near_.count == 0) return false;
-        SeenSample low = sample(0), high = low;
-        for (int i = 1; i < near_.count; ++i) {
-            const SeenSample& s = sample(i);
-            low.slope = std::min(low.slope, s.slope);
-            high.slope = std::max(high.slope, s.slope);
-            low.speed_x = std::min(low.speed_x, s.speed_x);
-            high.speed_x = std::max(high.speed_x, s.speed_x);
-            low.speed_y = std::min(low.speed_y, s.speed_y);
-            high.speed_y = std::max(high.speed_y, s.speed_y);
-        }
-        const float speeds = std::max(high.speed_x - low.speed_x, high.speed_y - low.speed_y);
-        return a_.rule.along_lens * (high.slope - low.slope) + a_.rule.along_time * speeds <= a_.rule.tolerance;
-    }
-
-    FEWRAYS_INLINE bool is_before(std::int32_t a, std::int32_t b) const {
-        const SeenSample &p = a_.sorted[a], &q = a_.sorted[b];
-        return p.slope != q.slope ? p.slope < q.slope : p.x != q.x ? p.x < q.x : p.y < q.y;
-    }
-
-    FEWRAYS_INLINE void sort_by_slope() {
-        int gap = 1;
-        while (gap < near_.count / 3) gap = 3 * gap + 1;
-        for (; gap > 0; gap /= 3)
-            for (int i = gap; i < near_.count; ++i) {
-                const std::int32_t place = near_.place[i];
-                int to = i;
-                for (; to >= gap && is_before(place, near_.place[to - gap]); to -= gap)
-                    near_.place[to] = near_.place[to - gap];
-                near_.place[to] = place;
-            }
-    }
-
-    FEWRAYS_INLINE bool crosses(int i, int j) const {
-        const SeenSample &p = sample(i), &q = sample(j);
-        const DeviceRule& rule = a_.rule;
-        const float slopes = p.slope - q.slope;
-        return std::max(crossing(p.x - q.x, slopes, p.speed_x - q.speed_x, rule.along_lens, rule.along_time),
-                        crossing(p.y - q.y, slopes, p.speed_y - q.speed_y, rule.along_lens, rule.along_time)) >
-               rule.tolerance;
-    }
-
-    // Where the surface ends that begins with sample `first`. Samples of one slope all join it, or none does.
-    FEWRAYS_INLINE int end_of_group(int first) const {
-        int next = first;
-        while (next < near_.count) {
-            int end = next + 1;
-            while (end < near_.count && sample(end).slope == sample(next).slope) ++end;
-            for (int i = next; i < end; ++i)
-                for (int j = first; j < next; ++j)
-                    if (crosses(i, j)) return next;
-            next = end;
-        }
-        return next;
-    }
-
-    FEWRAYS_INLINE bool fills_quadrants(int first, int end) const {
-        unsigned quadrants = 0;
-        for (int i = first; i < end; ++i) quadrants |= 1u << ((away_x(i) >= 0) + 2 * (away_y(i) >= 0));
-        return quadrants == 15u;
-    }
-
-    // Whether a valid triangle of samples [first, end), moved towards the location by the overhang, holds it.
-    FEWRAYS_INLINE bool covers(int first, int end) const {
-        const float radius2 = a_.rule.radius * a_.rule.radius;
-        float right = 0.0f, down = 0.0f;
-        for (int i = first; i < end; ++i) {
-            const float x = away_x(i), y = away_y(i), weight = std::max(1.0f - (x * x + y * y) / radius2, 0.0f);
-            right += weight * x;
-            down += weight * y;
-        }
-        const float length = std::hypot(right, down), scale = length > 0.0f ? a_.rule.overhang / length : 0.0f;
-        right *= scale;
-        down *= scale;
-        const auto x_of = [&](int i) { return away_x(i) - right; };
-        const auto y_of = [&](int i) { return away_y(i) - down; };
-        const auto is_short = [&](int i, int j) {
-            const float x = x_of(i) - x_of(j), y = y_of(i) - y_of(j);
-            return x * x + y * y <= 4 * radius2;
-        };
-        const auto turn = [&](int i, int j) { return x_of(i) * y_of(j) - y_of(i) * x_of(j); };
-        for (int corner = first; corner < end; ++corner) {
-            if (x_of(corner) * x_of(corner) + y_of(corner) * y_of(corner) > radius2) continue;
-            for (int second = first; second < end; ++second) {
-                if (second == corner || !(turn(corner, second) >= 0) || !is_short(corner, second)) continue;
-                for (int third = first; third < end; ++third)
-                    if (third != corner && third != second && turn(third, corner) >= 0 && turn(second, third) >= 0 &&
-                        is_short(corner, third) && is_short(second, third))
-                        return true;
-            }
-        }
-        return false;
+        SeenRange range;
+        for (int i = 0; i < near_.count; ++i) range.include(sample(i));
+        return range.one_surface(a_.rule);
     }
 
     // The first surface that covers the location, or the last. One of too few samples is joined with the next.
     FEWRAYS_INLINE void choose(float tent, float* seen) {
-        sort_by_slope();
-        int first = 0, end = end_of_group(0);
+        NearSurfaces surfaces = near_surfaces();
+        surfaces.sort_by_slope();
+        int first = 0, end = surfaces.end_of_group(0);
         while (end < near_.count) {
             if (end - first >= least_samples) {
-                if (covers(first, end)) break;
+                if (surfaces.covers(first, end)) break;
                 first = end;
             }
-            end = end_of_group(end);
+            end = surfaces.end_of_group(end);
         }
         filter(first, end, tent, seen);
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Literal, overload
+from typing import Any, Literal, cast, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -177,5 +177,5 @@ def shaded_for(method: Method, samples: SampleBuffer, options: Any, execution: E
         return dataclasses.replace(samples, lighting=None)
     if method.reads_lights(options):
         return samples
-    device: Literal["auto", "reference"] = "reference" if execution.device == "reference" else "auto"
+    device = cast(Literal["auto", "cpu", "reference", "cuda"], execution.device)
     return shade(samples, device=device, threads=execution.threads, progress=execution.progress)

@@ -22,6 +22,7 @@ PROGRAMS = (
     "multiplane_assign",
     "multiplane_build",
     "multiplane_render",
+    "shadows",
     "temporal",
 )
 """Files of kernels, by name, one for each method's stage."""

@@ -20,6 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fewrays import _native
+from fewrays.cuda.device import pick_device, require_machine
+from fewrays.cuda.machine import Machine
 from fewrays.errors import SampleError, require_option
 from fewrays.lighting import Lighting
 from fewrays.native_view import view_light_field
@@ -28,15 +30,17 @@ from fewrays.samples import SampleBuffer
 from fewrays.temporal.kernel import native_lights
 from fewrays.temporal.plan import SurfaceRule
 from fewrays.temporal.settle import settle
+from fewrays.temporal.shading_cuda import Shading
 from fewrays.temporal.shading_reference import shade_samples
 from fewrays.tiling import Tiling
 
-__all__ = ["shade"]
+__all__ = ["shade", "shading_on"]
 
-Device = Literal["auto", "cpu", "reference"]
+Device = Literal["auto", "cpu", "reference", "cuda"]
 Float32 = npt.NDArray[np.float32]
 Int32 = npt.NDArray[np.int32]
 
+_DEVICES = ("cpu", "reference", "cuda")
 _TILE = 32
 _WINDOWS = 4  # in a shutter: the part of it from which a moving sample's light points are taken
 
@@ -65,10 +69,11 @@ def shade(
     correction : float
         Scale in pixels on which light is corrected towards what the samples' own light samples brought; 0 for
         none.
-    device : {"auto", "cpu", "reference"}
-        ``"reference"`` runs the plain NumPy definition, slowly.
+    device : {"auto", "cpu", "reference", "cuda"}
+        ``"cuda"`` is an NVIDIA GPU, which ``"auto"`` means where there is one; ``"reference"`` runs the plain
+        NumPy definition, slowly.
     threads : int, optional
-        Threads to use; all usable cores when omitted.
+        Threads to use; all usable cores when omitted. The result does not depend on it.
     progress : bool
         Show a progress bar on stderr for work that takes over two seconds.
 
@@ -80,28 +85,61 @@ def shade(
     Raises
     ------
     SampleError
-        For samples without lighting, and options that are out of range.
+        For samples without lighting, options that are out of range, and ``device="cuda"`` without a GPU.
     """
     require_option("light_points", light_points, 1 <= light_points <= 65536, "from 1 to 65536")
     require_option("radius_scale", radius_scale, 0.25 <= radius_scale <= 8, "from 0.25 to 8")
     settles = correction == 0 or 0.5 <= correction <= 16
     require_option("correction", correction, settles, "0 or from 0.5 to 16 px")
     require_option("device", device, device in get_args(Device), f"of {', '.join(get_args(Device))}")
+    chosen = pick_device(_DEVICES, device)
     lighting = samples.lighting
     if lighting is None:
         raise SampleError("these samples come without area lights: take them as they are", field="lighting")
-    share = max(1, light_points // samples.spp)
-    times, first_view = _views(samples, share)
-    rule = SurfaceRule.for_samples(samples, light_points, radius_scale=radius_scale, tent_scale=1)
-    execution = Execution(device, threads, progress)
-    if device == "reference":
-        views = first_view[:, None] + np.arange(share)
-        color = shade_samples(samples, lighting, rule, times, views, execution)
+    execution = Execution(chosen, threads, progress)
+    if chosen == "cuda":
+        machine = require_machine()
+        color = machine.on_host(
+            shading_on(machine, samples, light_points=light_points, radius_scale=radius_scale).run()
+        )
     else:
-        color = _shade_tiles(samples, lighting, rule, times, (first_view, share), execution)
+        rule, times, views = _plan(samples, light_points, radius_scale)
+        shade_all = _shade_by_definition if chosen == "reference" else _shade_tiles
+        color = shade_all(samples, lighting, rule, times, views, execution)
     if correction:
         color = settle(samples, lighting, color, correction)
     return replace(samples, color=color, lighting=None)
+
+
+def shading_on(
+    machine: Machine, samples: SampleBuffer, *, light_points: int = 128, radius_scale: float = 1.4
+) -> Shading:
+    """Prepare what a card makes of samples with lighting, but for the correction; options as for `shade`."""
+    assert samples.lighting is not None
+    rule, times, views = _plan(samples, light_points, radius_scale)
+    return Shading(machine, samples, samples.lighting, rule, times, views)
+
+
+def _plan(
+    samples: SampleBuffer, light_points: int, radius_scale: float
+) -> tuple[SurfaceRule, Float32, tuple[Int32, int]]:
+    """Return the camera samples' rule, the views' times, each sample's first view, and how many it gets."""
+    share = max(1, light_points // samples.spp)
+    times, first_view = _views(samples, share)
+    rule = SurfaceRule.for_samples(samples, light_points, radius_scale=radius_scale, tent_scale=1)
+    return rule, times, (first_view, share)
+
+
+def _shade_by_definition(
+    samples: SampleBuffer,
+    lighting: Lighting,
+    rule: SurfaceRule,
+    times: Float32,
+    views: tuple[Int32, int],
+    execution: Execution,
+) -> Float32:
+    first_view, share = views
+    return shade_samples(samples, lighting, rule, times, first_view[:, None] + np.arange(share), execution)
 
 
 def _shade_tiles(
@@ -112,7 +150,7 @@ def _shade_tiles(
     views: tuple[Int32, int],
     execution: Execution,
 ) -> Float32:
-    """Return what `shade_samples` does, from native code; `views` is what `_views` says, with the share."""
+    """Return what `shade_samples` does, from native code; `times` and `views` are what `_plan` says."""
     field = view_light_field(samples)
     lights = native_lights(samples, lighting, rule, len(times))
     first_view, share = views
