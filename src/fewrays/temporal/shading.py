@@ -42,7 +42,7 @@ Int32 = npt.NDArray[np.int32]
 
 _DEVICES = ("cpu", "reference", "cuda")
 _TILE = 32
-_WINDOWS = 8  # in a shutter: the part of it from which a moving sample's light points are taken
+_WINDOWS = 4  # in a shutter: the part of it from which a moving sample's light points are taken
 
 
 def shade(
