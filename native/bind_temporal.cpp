@@ -4,6 +4,7 @@
 #include <nanobind/stl/vector.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <optional>
 #include <tuple>
@@ -43,6 +44,9 @@ struct Lights {
              float distance, Array<const float, 3> motion, std::optional<Array<const float, 3>> radiance, float area) {
         const float* const f = frame.data();
         const float* const half = half_size.data();
+        float farthest = 0;
+        for (std::size_t i = 0; i < points.shape(0); ++i)
+            farthest = std::max(farthest, std::hypot(points(i, 0), points(i, 1)));
         plan.lamps.push_back(
             {&tree,
              reflectance.data(),
@@ -52,7 +56,8 @@ struct Lights {
              {vector_of(f), vector_of(f + 3), vector_of(f + 6), vector_of(f + 9), half[0], half[1], distance},
              vector_of(motion.data()),
              radiance ? radiance->data() : nullptr,
-             area});
+             area,
+             farthest});
     }
 };
 

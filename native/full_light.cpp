@@ -1,24 +1,20 @@
 #include "full_light.h"
 
 #include <algorithm>
-#include <cmath>
 
 #include "math/clear_view.h"
 
 namespace fewrays {
 
-FullLight::FullLight(const Lamp& lamp, const SurfaceRule& rule, int point_count) : lamp_(lamp), radius_(rule.radius) {
-    for (int i = 0; i < point_count; ++i)
-        farthest_ = std::max(farthest_, std::hypot(lamp.points[2 * i], lamp.points[2 * i + 1]));
-}
-
-bool FullLight::shines_on(std::ptrdiff_t sample, Vector point, Vector normal, float first_time, float last_time) const {
-    const SampleTree& tree = *lamp_.tree;
+bool gets_full_light(const Lamp& lamp, float radius, std::ptrdiff_t sample, Vector point, float first_time,
+                     float last_time) {
+    const SampleTree& tree = *lamp.tree;
     const LightField& field = tree.field();
-    if (!lamp_.radiance || !lamp_.arrives[sample] || lamp_.motion.x != 0 || lamp_.motion.y != 0 || lamp_.motion.z != 0)
+    if (!lamp.radiance || !lamp.arrives[sample] || lamp.motion.x != 0 || lamp.motion.y != 0 || lamp.motion.z != 0)
         return false;
     if (!still(field.path(static_cast<std::int32_t>(sample)))) return false;
-    const ClearView view(lamp_.frame, point, normal, field.spacing[sample], radius_, farthest_, first_time, last_time);
+    const ClearView view(lamp.frame, point, lamp.facing_at(sample), field.spacing[sample], radius, lamp.farthest,
+                         first_time, last_time);
     if (!view.decides()) return false;
     const auto may_matter = [&](const TreeNode& node) { return view.may_matter(node); };
     const auto may_block = [&](std::int32_t other) {

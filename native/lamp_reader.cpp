@@ -76,8 +76,7 @@ void LampReader::fill(const Box& places, float most_spacing, int view, float tim
 // Whether a light sample that ends in front of the receiver's tangent plane stops its light.
 bool LampReader::blocks(const Receiver& to, std::ptrdiff_t number, float share, float dx, float dy) const {
     if (!lamp_.arrives[number]) return true;
-    const float* const f = lamp_.facing + 3 * number;
-    return lies_behind(frame_, light_point_, to, frame_.turn({f[0], f[1], f[2]}), share, dx, dy);
+    return lies_behind(frame_, light_point_, to, frame_.turn(lamp_.facing_at(number)), share, dx, dy);
 }
 
 // Makes a crowd of the samples within `spread` times R that stop light, and averages the radiance of the others within

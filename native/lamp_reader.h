@@ -21,12 +21,15 @@ struct Lamp {
     LightFrame frame;             // as the shutter opens
     Vector motion;                // of the light until it closes, in camera space
     const float* radiance;        // (3) of the whole light; null if it differs from place to place
-    float area;
+    float area, farthest;         // the light point that is farthest from the centre, in units of the frame
 
     LightFrame frame_at(float time) const {
         LightFrame moved = frame;
         moved.center = frame.center + time * motion;
         return moved;
+    }
+    Vector facing_at(std::ptrdiff_t sample) const {
+        return {facing[3 * sample], facing[3 * sample + 1], facing[3 * sample + 2]};
     }
     Vector light_point(int view) const {
         return {frame.unit() * points[2 * view], frame.unit() * points[2 * view + 1], 0.0f};
@@ -39,7 +42,6 @@ public:
     LampReader(const Lamp& lamp, const SurfaceRule& rule)
         : lamp_(lamp),
           rule_(rule),
-
           grid_(*lamp.tree, true, !lamp.radiance),
           gatherer_(*lamp.tree, true),
           surfaces_(rule) {}

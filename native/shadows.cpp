@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "full_light.h"
+
 namespace fewrays {
 namespace {
 
@@ -17,12 +19,9 @@ Vector vector_at(const float* values, std::ptrdiff_t i) {
 
 }  // namespace
 
-Relighting::Relighting(const LightField& field, const LitPlan& plan, int view_count)
+Relighting::Relighting(const LightField& field, const LitPlan& plan)
     : field_(field), plan_(plan), lit_(plan.lamps.size()) {
-    for (const Lamp& lamp : plan.lamps) {
-        readers_.emplace_back(lamp, plan.rule);
-        full_.emplace_back(lamp, plan.rule, view_count);
-    }
+    for (const Lamp& lamp : plan.lamps) readers_.emplace_back(lamp, plan.rule);
 }
 
 void Relighting::clear() {
@@ -89,8 +88,8 @@ void Relighting::see(std::ptrdiff_t sample, int view, float time, float weight, 
 std::uint64_t Relighting::full_light(std::ptrdiff_t sample, float first_time, float last_time) const {
     std::uint64_t full = 0;
     const Vector point = point_of(sample, first_time);
-    for (std::size_t lamp = 0; lamp < full_.size(); ++lamp)
-        if (full_[lamp].shines_on(sample, point, vector_at(plan_.facing, sample), first_time, last_time))
+    for (std::size_t lamp = 0; lamp < plan_.lamps.size(); ++lamp)
+        if (gets_full_light(plan_.lamps[lamp], plan_.rule.radius, sample, point, first_time, last_time))
             full |= std::uint64_t{1} << lamp;
     return full;
 }
@@ -174,7 +173,7 @@ void Relighting::light_group(LampReader& reader, Lit* first, Lit* last, int view
 
 void shade_tiles(const LightField& field, const LitPlan& lit, const ShadingPlan& plan, int first, int last,
                  float* radiance) {
-    Relighting lighting(field, lit, plan.view_count);
+    Relighting lighting(field, lit);
     const int columns = (plan.width + plan.tile - 1) / plan.tile;
     const float weight = 1.0f / static_cast<float>(plan.share);
     std::vector<std::uint64_t> full;  // of the tile's samples
@@ -182,24 +181,24 @@ void shade_tiles(const LightField& field, const LitPlan& lit, const ShadingPlan&
         const int top = tile / columns * plan.tile, left = tile % columns * plan.tile;
         lighting.clear();
         full.clear();
-        for (int row = top; row < std::min(top + plan.tile, plan.height); ++row)
-            for (int column = left; column < std::min(left + plan.tile, plan.width); ++column)
-                for (int number = 0; number < plan.spp; ++number) {
-                    const std::ptrdiff_t sample = (std::ptrdiff_t{row} * plan.width + column) * plan.spp + number;
-                    const std::int32_t view = plan.first_view[sample];
-                    full.push_back(lighting.full_light(sample, plan.times[view], plan.times[view + plan.share - 1]));
-                }
-        for (int view = 0; view < plan.view_count; ++view) {
-            const std::uint64_t* next = full.data();
+        const auto each_sample = [&](auto&& visit) {
             for (int row = top; row < std::min(top + plan.tile, plan.height); ++row)
                 for (int column = left; column < std::min(left + plan.tile, plan.width); ++column)
-                    for (int number = 0; number < plan.spp; ++number) {
-                        const std::ptrdiff_t sample = (std::ptrdiff_t{row} * plan.width + column) * plan.spp + number;
-                        const std::uint64_t lit_by = *next++;
-                        const int place = view - plan.first_view[sample];
-                        if (place < 0 || place >= plan.share) continue;
-                        lighting.see(sample, view, plan.times[view], weight, lit_by, radiance + 3 * sample);
-                    }
+                    for (int number = 0; number < plan.spp; ++number)
+                        visit((std::ptrdiff_t{row} * plan.width + column) * plan.spp + number);
+        };
+        each_sample([&](std::ptrdiff_t sample) {
+            const std::int32_t view = plan.first_view[sample];
+            full.push_back(lighting.full_light(sample, plan.times[view], plan.times[view + plan.share - 1]));
+        });
+        for (int view = 0; view < plan.view_count; ++view) {
+            const std::uint64_t* next = full.data();
+            each_sample([&](std::ptrdiff_t sample) {
+                const std::uint64_t lit_by = *next++;
+                const int place = view - plan.first_view[sample];
+                if (place >= 0 && place < plan.share)
+                    lighting.see(sample, view, plan.times[view], weight, lit_by, radiance + 3 * sample);
+            });
             lighting.light(view, plan.times[view]);
         }
     }

@@ -6,7 +6,6 @@
 #include <deque>
 #include <vector>
 
-#include "full_light.h"
 #include "lamp_reader.h"
 #include "view_reader.h"
 
@@ -25,7 +24,7 @@ struct LitPlan {
 // Adds light to the locations of one part of the image, view by view.
 class Relighting {
 public:
-    Relighting(const LightField& field, const LitPlan& plan, int view_count);
+    Relighting(const LightField& field, const LitPlan& plan);
 
     // Forgets the copies of samples made for an earlier part of the image.
     void clear();
@@ -65,7 +64,6 @@ private:
     const LightField& field_;
     const LitPlan& plan_;
     std::deque<LampReader> readers_;  // of each lamp
-    std::vector<FullLight> full_;
     std::vector<std::vector<Lit>> lit_;
     std::vector<Seen> seen_;  // the samples of the location at hand
     Vector facing_{};         // of the surface at hand

@@ -21,7 +21,7 @@ class TileViews {
 public:
     TileViews(const SampleTree& tree, const ViewPlan& plan, const LitPlan* lit)
         : plan_(plan), reader_(tree, plan.rule, lit != nullptr) {
-        if (lit) lighting_.emplace(tree.field(), *lit, plan.view_count);
+        if (lit) lighting_.emplace(tree.field(), *lit);
     }
 
     void run(int tile, float* bands) {
