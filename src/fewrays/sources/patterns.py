@@ -44,7 +44,15 @@ from fewrays.errors import SampleError
 from fewrays.lens import Sampling
 from fewrays.samples import MAX_IMAGE_SIZE, MAX_SAMPLES
 
-__all__ = ["MAX_SPP", "check_size", "sample_lights", "sample_pattern", "sample_times", "warp_to_lens"]
+__all__ = [
+    "MAX_SPP",
+    "check_size",
+    "concentric",
+    "sample_lights",
+    "sample_pattern",
+    "sample_times",
+    "warp_to_lens",
+]
 
 Float32 = npt.NDArray[np.float32]
 Float64 = npt.NDArray[np.float64]
@@ -214,7 +222,7 @@ def warp_to_lens(points: Float64, sampling: Sampling, sigma: float = 1.0 / 3.0) 
     if sampling == "square":
         return (2 * points - 1).astype(np.float32)
     if sampling == "disc":
-        return _concentric(2 * points - 1).astype(np.float32)
+        return concentric(2 * points - 1).astype(np.float32)
     if sampling == "gaussian":
         if not (math.isfinite(sigma) and sigma > 0):
             raise SampleError(f"expected a positive number, got {sigma!r}", field="sigma")
@@ -345,8 +353,8 @@ def _hash(value: UInt32, *keys: int | UInt32) -> UInt32:
     return value
 
 
-def _concentric(square: Float64) -> Float64:
-    """Shirley and Chiu's map from [-1, 1]² to the unit disc."""
+def concentric(square: Float64) -> Float64:
+    """Map points ``(..., 2)`` of [-1, 1]² to the unit disc, keeping areas (Shirley and Chiu 1997)."""
     x, y = square[..., 0], square[..., 1]
     wide = np.abs(x) > np.abs(y)
     radius = np.where(wide, x, y)

@@ -25,6 +25,7 @@ from fewrays.lens import Lens
 from fewrays.light_samples import LightSamples
 from fewrays.lighting import Lighting
 from fewrays.samples import OFF_IMAGE, SampleBuffer
+from fewrays.sources.patterns import concentric
 from fewrays.temporal.locations import places
 
 __all__ = ["Lamp", "facing_normals", "make_lamps"]
@@ -77,7 +78,9 @@ class Lamp:
         axes they fall one into each of `count` equal parts, and any run of views has well spread ones.
         """
         square = np.stack([places(count, _U_STEP), places(count, _V_STEP)], axis=-1)
-        spread = 2 * square - 1 if self.light.shape == "rectangle" else _to_disc(square)
+        spread = 2 * square - 1
+        if self.light.shape == "disc":
+            spread = concentric(spread)
         return spread * (self.light.half_size / self.lens_unit)
 
 
@@ -156,14 +159,3 @@ def facing_normals(samples: SampleBuffer, lighting: Lighting) -> Float32:
     normal = np.concatenate([across, along[..., None]], axis=-1)
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), np.finfo(np.float64).tiny)
     return normal.reshape(-1, 3).astype(np.float32)
-
-
-def _to_disc(square: Float64) -> Float64:
-    """Map points of the unit square to the unit disc, keeping areas (Shirley and Chiu's concentric map)."""
-    x, y = (2 * square - 1).T
-    wide = np.abs(x) > np.abs(y)
-    radius = np.where(wide, x, y)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        angle = np.where(wide, np.pi / 4 * (y / x), np.pi / 2 - np.pi / 4 * (x / y))
-    angle = np.where(radius == 0, 0.0, angle)
-    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
