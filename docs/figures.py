@@ -1285,24 +1285,24 @@ PUBLISHED_PARTS = (epipolar, filters, partitions, discs, importance, joined, wid
 PARTS: dict[str, Callable[[], None]] = {part.__name__: part for part in (*LAYERED_PARTS, *PUBLISHED_PARTS)}
 
 
-def main(names: tuple[str, ...] = (), /) -> None:
-    """Make the figures and tables of layered.md and layered-published.md.
+def maker(parts: Mapping[str, Callable[[], None]], pages: str) -> Callable[..., None]:
+    """Return a command that runs parts by their names, or all, and prints how long each takes."""
+
+    def main(names: tuple[str, ...] = (), /) -> None:
+        print(f"commit {commit()}")
+        for name in names or parts:
+            start = time.perf_counter()
+            parts[name]()
+            print(f"({name}: {time.perf_counter() - start:.0f} s)")
+
+    main.__doc__ = f"""Make the figures and tables of {pages}.
 
     Parameters
     ----------
     names
         Names of parts; all when omitted.
     """
-    make(PARTS, names)
-
-
-def make(parts: Mapping[str, Callable[[], None]], names: Sequence[str] = ()) -> None:
-    """Run the parts of those names, or all, and print how long each takes."""
-    print(f"commit {commit()}")
-    for name in names or parts:
-        start = time.perf_counter()
-        parts[name]()
-        print(f"({name}: {time.perf_counter() - start:.0f} s)")
+    return main
 
 
 def commit() -> str:
@@ -1313,4 +1313,4 @@ def commit() -> str:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    tyro.cli(maker(PARTS, "layered.md and layered-published.md"))

@@ -28,7 +28,7 @@ from fewrays.pixel_filter import PixelFilter
 from fewrays.sources.analytic import Plane, constant, disc, trace
 from fewrays.temporal.locations import make_locations
 from fewrays.vignetting import CatsEye
-from figures import BLUE, GREY, Floats, Picture, Plot, at_slope, enlarge, make, make_lens, print_table, write
+from figures import BLUE, GREY, Floats, Picture, Plot, at_slope, enlarge, make_lens, maker, print_table, write
 
 LENS = make_lens(aperture="disc", sampling="disc")
 _POINTS = 128
@@ -241,16 +241,5 @@ def _averaged(planes: list[Plane], aperture: Aperture, eye: CatsEye, height: int
 PARTS: dict[str, Callable[[], None]] = {part.__name__: part for part in (shapes, cats_eye, evenness)}
 
 
-def main(names: tuple[str, ...] = (), /) -> None:
-    """Make the figures and tables of apertures.md.
-
-    Parameters
-    ----------
-    names
-        Names of parts; all when omitted.
-    """
-    make(PARTS, names)
-
-
 if __name__ == "__main__":
-    tyro.cli(main)
+    tyro.cli(maker(PARTS, "apertures.md"))

@@ -39,7 +39,7 @@ from fewrays.sources.analytic import (
     trace,
 )
 from fewrays.sources.analytic_pinhole import pinhole
-from figures import TRUTH_SPP, Floats, at_slope, enlarge, make, make_lens, print_table, write
+from figures import TRUTH_SPP, Floats, at_slope, enlarge, make_lens, maker, print_table, write
 
 LENS = make_lens(aperture="disc", sampling="disc")
 PUBLISHED: dict[str, Any] = {
@@ -263,16 +263,5 @@ def _night() -> list[Plane]:
 PARTS: dict[str, Callable[[], None]] = {part.__name__: part for part in (view, cases, rims, apertures)}
 
 
-def main(names: tuple[str, ...] = (), /) -> None:
-    """Make the figures and tables of dynamic.md.
-
-    Parameters
-    ----------
-    names
-        Names of parts; all when omitted.
-    """
-    make(PARTS, names)
-
-
 if __name__ == "__main__":
-    tyro.cli(main)
+    tyro.cli(maker(PARTS, "dynamic.md"))

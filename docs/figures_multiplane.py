@@ -49,8 +49,8 @@ from figures import (
     enlarge,
     inner,
     leaves,
-    make,
     make_lens,
+    maker,
     print_table,
     quality,
     write,
@@ -242,16 +242,5 @@ PARTS: dict[str, Callable[[], None]] = {
 }
 
 
-def main(names: tuple[str, ...] = (), /) -> None:
-    """Make the figures and tables of multiplane.md.
-
-    Parameters
-    ----------
-    names
-        Names of parts; all when omitted.
-    """
-    make(PARTS, names)
-
-
 if __name__ == "__main__":
-    tyro.cli(main)
+    tyro.cli(maker(PARTS, "multiplane.md"))

@@ -36,7 +36,7 @@ from fewrays.sources.analytic_shadows import (
     render_lit,
     true_image,
 )
-from figures import BLUE, GREEN, GREY, INK, ORANGE, Plot, enlarge, inner, make, print_table, write
+from figures import BLUE, GREEN, GREY, INK, ORANGE, Plot, enlarge, inner, maker, print_table, write
 
 SPP = 4
 _BORDER = 4  # pixels
@@ -215,16 +215,5 @@ PARTS: dict[str, Callable[[], None]] = {
 }
 
 
-def main(names: tuple[str, ...] = (), /) -> None:
-    """Make the figures and tables of shadows.md.
-
-    Parameters
-    ----------
-    names
-        Names of parts; all when omitted.
-    """
-    make(PARTS, names)
-
-
 if __name__ == "__main__":
-    tyro.cli(main)
+    tyro.cli(maker(PARTS, "shadows.md"))

@@ -58,8 +58,8 @@ from figures import (
     difference,
     enlarge,
     leaves,
-    make,
     make_lens,
+    maker,
     print_table,
     quality,
     write,
@@ -355,16 +355,5 @@ PARTS: dict[str, Callable[[], None]] = {
 }
 
 
-def main(names: tuple[str, ...] = (), /) -> None:
-    """Make the figures and tables of temporal.md.
-
-    Parameters
-    ----------
-    names
-        Names of parts; all when omitted.
-    """
-    make(PARTS, names)
-
-
 if __name__ == "__main__":
-    tyro.cli(main)
+    tyro.cli(maker(PARTS, "temporal.md"))
