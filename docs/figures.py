@@ -39,7 +39,7 @@ from fewrays.layered_published import plan as published_plan
 from fewrays.layered_published import reference as published_reference
 from fewrays.layered_published.filters import FilterRule, LayerFilter
 from fewrays.layered_published.partitions import Partitions
-from fewrays.lens import Aperture, Sampling
+from fewrays.lens import LensAperture, Sampling
 from fewrays.method import Image
 from fewrays.metrics import psnr_display
 from fewrays.parallel import Execution
@@ -106,7 +106,9 @@ def rms_error(image: Image, truth: Image, border: int = BORDER) -> float:
     return 100 * float(np.sqrt(np.square(inner(image - truth, border), dtype=np.float64).mean()))
 
 
-def make_lens(aperture: Aperture = "gaussian", sampling: Sampling = "square", sigma: float = 1 / 3) -> Lens:
+def make_lens(
+    aperture: LensAperture = "gaussian", sampling: Sampling = "square", sigma: float = 1 / 3
+) -> Lens:
     """Return a lens for which every slope between -400 and 100 pixels has a depth."""
     return Lens(-500.0, 100.0, aperture, sampling, sigma)
 

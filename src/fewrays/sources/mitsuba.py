@@ -32,7 +32,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fewrays.errors import SampleError, require_option
-from fewrays.lens import Aperture, Lens, Sampling
+from fewrays.lens import Lens, LensAperture, Sampling
 from fewrays.light_samples import LightSamples
 from fewrays.lighting import Lighting
 from fewrays.parallel import progress_bar
@@ -65,7 +65,7 @@ def render(
     spp: int = 8,
     width: int | None = None,
     height: int | None = None,
-    aperture: Aperture = "disc",
+    aperture: LensAperture = "disc",
     sampling: Sampling | None = None,
     sigma: float = 1.0 / 3.0,
     lens_radius: float | None = None,
@@ -215,7 +215,7 @@ def lens_of(
     *,
     width: int | None = None,
     height: int | None = None,
-    aperture: Aperture = "disc",
+    aperture: LensAperture = "disc",
     sampling: Sampling | None = None,
     sigma: float = 1.0 / 3.0,
     lens_radius: float | None = None,
@@ -352,7 +352,7 @@ class _Camera:
             medium=sensor.get_medium(),
         )
 
-    def lens(self, aperture: Aperture, sampling: Sampling, sigma: float) -> Lens:
+    def lens(self, aperture: LensAperture, sampling: Sampling, sigma: float) -> Lens:
         blur = self.pixels * self.lens_radius
         return Lens(-blur, blur / self.focus_distance, aperture, sampling, sigma)
 
