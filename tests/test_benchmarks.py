@@ -2,6 +2,7 @@
 
 import importlib
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +67,27 @@ def test_tables_line_up_and_refuse_ragged_rows(load_module: Any) -> None:
 def test_missing_renders_name_the_command(load_module: Any, tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match=r"python examples/render\.py serpent --spp 4"):
         load_module("example_renders").require_renders(tmp_path, ["serpent"], 4)
+
+
+def test_pages_hold_the_chosen_parts_in_order_whichever_is_made_first(
+    load_module: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pages, made = load_module("page_parts"), []
+
+    def part(options: Any) -> Iterator[str]:
+        made.append(options.repetitions)
+        yield f"part {len(made)}"
+
+    parts = {"a": part, "b": part, "c": part}
+    monkeypatch.setattr("sys.argv", ["page.py", "--parts", "a", "c", "--out", str(tmp_path), "--keep", "k"])
+    options = pages.parse_page_options("A page.", parts, kept="images")
+    assert options.keep == Path("k")
+    pages.make_page("some", iter(["# Title"]), parts, options, first="c")
+    paragraphs = (tmp_path / "some-results.md").read_text().split("\n\n")
+    assert [paragraphs[0], *paragraphs[2:]] == ["# Title", "part 2", "part 1\n"]
+    assert paragraphs[1].startswith("- Command: `python benchmarks/some.py --parts a c`")
+    assert made == [3, 3]
+    assert (tmp_path / "images").is_dir()
 
 
 @pytest.mark.parametrize("change", [0.0, 0.1])
