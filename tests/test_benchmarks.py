@@ -124,7 +124,10 @@ def test_plain_averaging_that_halves_its_error_follows_the_law(load_module: Any)
     assert law.needed(scores.Score(0.0, 50.0).error) == pytest.approx(1000)
     found[16] = scores.Score(0.0, found[8].corrected)
     assert counts.plain_law(found).last_exponent == pytest.approx(0)
-    assert math.isnan(counts.plain_law({8: found[8]}).exponent)
+    assert counts.plain_law({8: found[8], 16: found[8]}).cells == ["0.00", "0.00"]
+    single = counts.plain_law({8: found[8]})
+    assert math.isnan(single.exponent)
+    assert single.cells == ["", ""]
 
 
 def test_samples_that_have_not_been_rendered_are_named_with_their_command(load_module: Any) -> None:
@@ -136,6 +139,7 @@ def test_samples_that_have_not_been_rendered_are_named_with_their_command(load_m
     )
     text = "\n".join(counts.section([measured]))
     assert "missing: 1 spp, 2 spp, 4 spp, 16 spp" in text
+    assert "nan" not in text
     assert "python examples/render.py serpent --spp 1 2 4 16 --reference-spp 0" in text
 
 
