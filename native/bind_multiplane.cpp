@@ -65,16 +65,18 @@ void bind_multiplane(nb::module_& m) {
         "multiplane_build",
         [](const LightField& field, Array<const std::int16_t, -1> plane_of, const DepthPlanes& planes,
            Array<const std::int32_t, -1> slots, const SampleRuns& runs, int run_length, Array<const float, -1> reach,
-           float prior, Array<const std::int32_t, -1, 3> parts, int first, int last, Array<Half, -1> halves) {
-            const BuildPlan plan{run_length, static_cast<int>(runs.runs.size()), runs.runs.data(), reach.data(), prior};
+           float prior, Array<const float, -1> along, Array<const std::int32_t, -1, 3> parts, int first, int last,
+           Array<Half, -1> halves) {
+            const BuildPlan plan{run_length,  static_cast<int>(runs.runs.size()), runs.runs.data(), reach.data(), prior,
+                                 along.data()};
             for (int part = first; part < last; ++part) {
                 const std::int32_t* row = parts.data() + std::ptrdiff_t{3} * part;
                 multiplane_build(field, plane_of.data(), planes.with_slots(slots.data()), plan,
                                  {row[0], row[1], row[2]}, halves.data());
             }
         },
-        "field"_a, "plane_of"_a, "planes"_a, "slots"_a, "runs"_a, "run_length"_a, "reach"_a, "prior"_a, "parts"_a,
-        "first"_a, "last"_a, "halves"_a, nb::call_guard<nb::gil_scoped_release>());
+        "field"_a, "plane_of"_a, "planes"_a, "slots"_a, "runs"_a, "run_length"_a, "reach"_a, "prior"_a, "along"_a,
+        "parts"_a, "first"_a, "last"_a, "halves"_a, nb::call_guard<nb::gil_scoped_release>());
     m.def(
         "multiplane_smooth",
         [](const DepthPlanes& planes, Array<const std::int32_t, -1> slots, Array<const Half, -1> halves,

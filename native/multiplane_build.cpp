@@ -7,13 +7,13 @@
 #include "math/plane_place.h"
 #include "multiplane.h"
 #include "multiplane_blocks.h"
+#include "multiplane_estimate.h"
 #include "simd.h"
 
 namespace fewrays {
 namespace {
 
-constexpr int halo = 32;   // cells around a region that its estimate draws on
-constexpr int levels = 5;  // of neighbourhoods, each of four times the cells; the widest is as wide as the halo
+constexpr int halo = estimate_halo;
 constexpr int channels = block_channels;  // weight of hits, and their radiance
 
 // Where the lens centre sees a sample's surface at half time.
@@ -155,124 +155,17 @@ void Evidence<cells>::copy(int row, int column, int rows, int columns, float* hi
     }
 }
 
-// Maps of a region and of its ever coarser copies.
-struct Maps {
-    int rows, columns;
-    std::vector<float> hits, total, radiance;  // radiance has three maps, one after the other
-    std::vector<float> opacity, color;         // the estimate
-    std::vector<float> known;                  // 1 where there is an estimate of radiance, else 0
-
-    Maps(int rows_, int columns_) : rows(rows_), columns(columns_) {
-        const std::size_t size = cell_count();
-        hits.resize(size);
-        total.resize(size);
-        radiance.resize(3 * size);
-        opacity.resize(size);
-        known.resize(size);
-        color.resize(3 * size);
-    }
-    std::size_t cell_count() const { return static_cast<std::size_t>(rows) * static_cast<std::size_t>(columns); }
-};
-
-// Sums of 2 x 2 cells.
-FEWRAYS_CLONES
-void halve(const float* fine, int rows, int columns, float* coarse) {
-    for (int i = 0; i < rows; ++i) {
-        const float* FEWRAYS_RESTRICT above = fine + std::ptrdiff_t{4} * i * columns;
-        const float* FEWRAYS_RESTRICT below = above + std::ptrdiff_t{2} * columns;
-        float* FEWRAYS_RESTRICT out = coarse + std::ptrdiff_t{i} * columns;
-        for (int j = 0; j < columns; ++j) out[j] = above[2 * j] + above[2 * j + 1] + below[2 * j] + below[2 * j + 1];
-    }
-}
-
-// Interpolates a coarse map linearly to twice the resolution.
-FEWRAYS_CLONES
-void twice(const float* FEWRAYS_RESTRICT coarse, int rows, int columns, float* FEWRAYS_RESTRICT line,
-           float* FEWRAYS_RESTRICT out) {
-    for (int i = 0; i < 2 * rows; ++i) {
-        const int own = i / 2, other = std::clamp(own + (i % 2 ? 1 : -1), 0, rows - 1);
-        const float* FEWRAYS_RESTRICT near_row = coarse + std::ptrdiff_t{own} * columns;
-        const float* FEWRAYS_RESTRICT far_row = coarse + std::ptrdiff_t{other} * columns;
-        float* FEWRAYS_RESTRICT padded = line + 1;
-        for (int j = 0; j < columns; ++j) padded[j] = 0.75f * near_row[j] + 0.25f * far_row[j];
-        line[0] = padded[0];
-        padded[columns] = padded[columns - 1];
-        float* FEWRAYS_RESTRICT row = out + std::ptrdiff_t{2} * i * columns;
-        for (int j = 0; j < columns; ++j) {
-            const float middle = 0.75f * padded[j];
-            row[2 * j] = middle + 0.25f * padded[j - 1];
-            row[2 * j + 1] = middle + 0.25f * padded[j + 1];
-        }
-    }
-}
-
-// Draws what few samples say of a cell towards the estimate of the coarser cells around it, which `out` holds at first:
-// (sum + share out) / (weight + count). The estimate counts as `count` samples; `share` is that, or more where only a
-// part of the coarser cells is known.
-FEWRAYS_CLONES
-void draw_towards(const float* FEWRAYS_RESTRICT sum, const float* FEWRAYS_RESTRICT weight,
-                  const float* FEWRAYS_RESTRICT share, const float* FEWRAYS_RESTRICT count, std::size_t cells,
-                  float* FEWRAYS_RESTRICT out) {
-    for (std::size_t i = 0; i < cells; ++i) out[i] = (sum[i] + share[i] * out[i]) / (weight[i] + count[i]);
-}
-
-// Estimates opacity and radiance of cells, given the estimate of cells twice as wide.
-void refine(const Maps& coarse, Maps& fine, float prior) {
-    const std::size_t size = fine.cell_count();
-    std::vector<float> line(static_cast<std::size_t>(coarse.columns) + 2), count(size, prior), share(size);
-    twice(coarse.opacity.data(), coarse.rows, coarse.columns, line.data(), fine.opacity.data());
-    draw_towards(fine.hits.data(), fine.total.data(), count.data(), count.data(), size, fine.opacity.data());
-    // Radiance is known only where something was hit.
-    twice(coarse.known.data(), coarse.rows, coarse.columns, line.data(), fine.known.data());
-    constexpr float none = 1e-30f;  // samples that leave a cell's own ones alone
-    for (std::size_t i = 0; i < size; ++i) {
-        const float known = fine.known[i];
-        share[i] = known > 0.0f ? prior / known : 0.0f;
-        count[i] = known > 0.0f ? prior : none;
-        fine.known[i] = known > 0.0f || fine.hits[i] > 0.0f ? 1.0f : 0.0f;
-    }
-    for (std::size_t c = 0; c < 3; ++c) {
-        float* color = fine.color.data() + c * size;
-        twice(coarse.color.data() + c * coarse.cell_count(), coarse.rows, coarse.columns, line.data(), color);
-        draw_towards(fine.radiance.data() + c * size, fine.hits.data(), share.data(), count.data(), size, color);
-    }
-}
-
-// Estimates opacity and radiance from the coarsest neighbourhoods to single cells. `pyramid` holds the finest first.
-void estimate(std::vector<Maps>& pyramid, float prior) {
-    for (std::size_t level = 1; level < pyramid.size(); ++level) {
-        const Maps& fine = pyramid[level - 1];
-        Maps& coarse = pyramid[level];
-        halve(fine.hits.data(), coarse.rows, coarse.columns, coarse.hits.data());
-        halve(fine.total.data(), coarse.rows, coarse.columns, coarse.total.data());
-        for (std::size_t c = 0; c < 3; ++c)
-            halve(fine.radiance.data() + c * fine.cell_count(), coarse.rows, coarse.columns,
-                  coarse.radiance.data() + c * coarse.cell_count());
-    }
-    Maps& top = pyramid.back();
-    const std::size_t size = top.cell_count();
-    for (std::size_t i = 0; i < size; ++i) {
-        const bool hit = top.hits[i] > 0.0f;
-        top.opacity[i] = top.total[i] > 0.0f ? top.hits[i] / top.total[i] : 0.0f;
-        top.known[i] = hit ? 1.0f : 0.0f;
-        for (std::size_t c = 0; c < 3; ++c)
-            top.color[c * size + i] = hit ? top.radiance[c * size + i] / top.hits[i] : 0.0f;
-    }
-    for (std::size_t level = pyramid.size() - 1; level > 0; --level) refine(pyramid[level], pyramid[level - 1], prior);
-}
-
 // Turns the evidence of rows of blocks into maps, region by region.
 template <int cells>
-void resolve(const Evidence<cells>& evidence, const DepthPlane& plane, const std::int32_t* slots, float prior,
-             int first_row, int last_row, Half* halves) {
+void resolve(const Evidence<cells>& evidence, const DepthPlane& plane, const std::int32_t* slots,
+             const EstimateRule& rule, int first_row, int last_row, Half* halves) {
     using Blocks = Evidence<cells>;
     // Regions whose borders, in cells, are multiples of the widest neighbourhood.
     constexpr int across = 192 / Blocks::width, down = 192 / Blocks::height;
     constexpr int rows = down * Blocks::height + 2 * halo, columns = across * Blocks::width + 2 * halo;
-    static_assert(rows % (1 << levels) == 0 && columns % (1 << levels) == 0);
-    std::vector<Maps> pyramid;
-    for (int level = 0; level <= levels; ++level) pyramid.emplace_back(rows >> level, columns >> level);
-    Maps& maps = pyramid.front();
+    static_assert(rows % (1 << estimate_levels) == 0 && columns % (1 << estimate_levels) == 0);
+    std::vector<EstimateMaps> pyramid = make_pyramid(rows, columns);
+    EstimateMaps& maps = pyramid.front();
     const std::size_t size = maps.cell_count();
     std::vector<float> kept(size);
     for (int top = first_row; top < last_row; top += down) {
@@ -281,13 +174,19 @@ void resolve(const Evidence<cells>& evidence, const DepthPlane& plane, const std
             const auto slot = [&](int row, int column) {
                 return slots[plane.first_slot + std::ptrdiff_t{row} * plane.columns + column];
             };
-            bool any = false;
+            // Blocks that are kept, with the cells of their neighbours that they repeat.
+            CellRange range{rows, 0, columns, 0};
             for (int row = top; row < bottom; ++row)
-                for (int column = left; column < right; ++column) any = any || slot(row, column) >= 0;
-            if (!any) continue;
+                for (int column = left; column < right; ++column) {
+                    if (slot(row, column) < 0) continue;
+                    const int y = halo + (row - top) * Blocks::height, x = halo + (column - left) * Blocks::width;
+                    range = {std::min(range.top, y), std::max(range.bottom, y + Blocks::height + cells),
+                             std::min(range.left, x), std::max(range.right, x + Blocks::width + cells)};
+                }
+            if (range.bottom == 0) continue;
             evidence.copy(top * Blocks::height - halo, left * Blocks::width - halo, rows, columns, maps.hits.data(),
                           maps.total.data(), maps.radiance.data(), kept.data());
-            estimate(pyramid, prior);
+            estimate(pyramid, rule, range);
             // Where no block is kept nothing was hit, though no pass was counted either.
             for (std::size_t i = 0; i < size; ++i) maps.opacity[i] *= kept[i];
             for (std::size_t c = 0; c < 3; ++c)
@@ -349,7 +248,8 @@ void build(const LightField& field, const std::int16_t* plane_of, const PlaneSet
                              field.color + 3 * std::ptrdiff_t{first + i}, scale);
         }
     }
-    resolve<cells>(evidence, plane, set.slots, plan.prior, part.first_row, part.last_row, halves);
+    resolve<cells>(evidence, plane, set.slots, {plan.prior, plan.along[part.plane]}, part.first_row, part.last_row,
+                   halves);
 }
 
 }  // namespace

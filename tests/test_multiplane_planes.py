@@ -371,10 +371,10 @@ class TestOptions:
             reconstruct(self.samples, "multiplane", **{name: value})
 
     def test_unknown(self) -> None:
-        with pytest.raises(SampleError, match=r"no option 'views'.*prior") as caught:
+        with pytest.raises(SampleError, match=r"views: no such option for Multiplane.build.*prior") as caught:
             Multiplane.build(self.samples, views=8)
         assert caught.value.field == "views"
-        with pytest.raises(SampleError, match=r"no option 'prior'.*views"):
+        with pytest.raises(SampleError, match=r"prior: no such option for Multiplane.render.*views"):
             Multiplane.build(self.samples).render(prior=1.0)
         with pytest.raises(SampleError, match="threads"):
             Multiplane.build(self.samples, threads=0)

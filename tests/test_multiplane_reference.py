@@ -82,6 +82,8 @@ class TestImages:
             {"cells": 3, "fine_to": 100.0},
             {"memory": 0.0},
             {"prior": 3.0},
+            {"along_edges": 0.0},
+            {"along_edges": 9.0},
             {"prior": 0.02},
             {"smoothing": 0.0},
             {"smoothing": 0.1},
@@ -197,9 +199,13 @@ class TestMaps:
                 assert plane.kept[i, j]
                 # Half precision has 11 bits; what is below 2^-14 counts as 0.
                 own = np.s_[: -plane.cells, : -plane.cells]
-                np.testing.assert_allclose(block[own], expected[own], rtol=2e-3, atol=2e-4)
+                agrees = np.isclose(block[own], expected[own], rtol=2e-3, atol=2e-4)
                 # The rest repeats the neighbours, which may lie in another region.
-                np.testing.assert_allclose(block, expected, rtol=0.02, atol=0.002)
+                resembles = np.isclose(block, expected, rtol=0.02, atol=0.002)
+                # A way along an edge may round into the neighbouring cell.
+                assert agrees.mean() > 0.998
+                assert resembles.mean() > 0.998
+                np.testing.assert_allclose(block, expected, rtol=0.1, atol=0.1)
 
     def test_keep_the_same_blocks(self) -> None:
         planes, maps = self.planes("still", 12.0, cells=1)

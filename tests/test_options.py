@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from buffers import random_buffer
-from fewrays import Lens, SampleError, defocus, load, reconstruct, save
+from fewrays import Lens, Multiplane, SampleError, defocus, load, reconstruct, save
 from fewrays.errors import require_known_options
 
 LENS = Lens(-4.0, 1.0)
@@ -22,6 +22,8 @@ DEPTH = np.full((4, 5), 4.0)
     [
         (lambda: reconstruct(SAMPLES, "layered", typo=1), "method 'layered'; there are sigma_pix, "),
         (lambda: reconstruct(SAMPLES, "multiplane", typo=1), "method 'multiplane'; there are .*views"),
+        (lambda: Multiplane.build(SAMPLES, typo=1), "Multiplane.build; there are .*prior"),
+        (lambda: Multiplane.build(SAMPLES).render(typo=1), "Multiplane.render; there are .*views"),
         (lambda: defocus(np.ones((4, 5, 3)), DEPTH, LENS, typo=1), "defocus; there are .*views"),
         (lambda: save(Path("a.npz"), SAMPLES, typo=1), "npz files; there are compressed, half$"),
         (lambda: load(Path("a.npz"), typo=1), "npz files; there are "),

@@ -26,13 +26,23 @@ from fewrays.native_view import view_light_field
 from fewrays.parallel import Execution, map_ranges
 from fewrays.samples import SampleBuffer
 
-__all__ = ["BuildOptions", "Layout", "beyond_memory", "build_maps", "extents", "lay_out", "radiance_scale"]
+__all__ = [
+    "BuildOptions",
+    "Layout",
+    "beyond_memory",
+    "build_maps",
+    "extents",
+    "lay_out",
+    "radiance_scale",
+    "reach_along_edges",
+]
 
 _MOST_BLUR = 2.0  # widths or heights of the image
 _MEGABYTE = 2**20
 _MARGIN = 4  # pixels beyond what the lens shifts
 _RUN = 128  # samples that are looked at together
 _ROWS = 384  # cells of a plane's height that are built at once: two of native code's regions
+_LEAST_ALONG = 1 / 3
 _DENSE = 3  # samples per pixel that cells of half a pixel need out of focus
 _LARGEST = 2.0**15  # stored radiance
 _LEAST_EXPONENT = -100  # of a plane's scale: single precision holds its inverse as well
@@ -55,6 +65,9 @@ class BuildOptions:
     """Megabytes (2^20 bytes) for planes; beyond, those with most blur have one cell per pixel."""
     prior: float = 0.2
     """Rays that the estimate of a cell's neighbourhood counts as."""
+    along_edges: float = 3.4
+    """How far along edges cells in focus look for more rays, in distances between rays; 0 for none. Planes
+    out of focus look less far, in proportion to their blur."""
     motion_cell: float = 1.5
     """Motion that one plane stands for, in pixels over the shutter interval along each axis."""
 
@@ -65,6 +78,7 @@ class BuildOptions:
         require_option("fine_to", self.fine_to, self.fine_to >= 0, "of at least 0 px")
         require_option("memory", self.memory, self.memory >= 0, "of at least 0 MB")
         require_option("prior", self.prior, 0.01 <= self.prior <= 100, "from 0.01 to 100")
+        require_option("along_edges", self.along_edges, 0 <= self.along_edges <= 20, "from 0 to 20 distances")
         require_option("motion_cell", self.motion_cell, 0.25 <= self.motion_cell <= 64, "from 0.25 to 64 px")
 
     def slab_rule(self, samples: SampleBuffer | DeviceSamples) -> SlabRule:
@@ -92,6 +106,7 @@ def build_maps(samples: SampleBuffer, options: BuildOptions, execution: Executio
         chunk=4096,
     )
     parts = _parts(grid, marks)
+    along = reach_along_edges(shear, grid, options)
 
     def work(first: int, last: int) -> None:
         _native.multiplane_build(
@@ -103,6 +118,7 @@ def build_maps(samples: SampleBuffer, options: BuildOptions, execution: Executio
             _RUN,
             layout.reach,
             options.prior,
+            along,
             parts,
             first,
             last,
@@ -171,6 +187,17 @@ def _cells_out_of_focus(assignment: Assignment, samples: SampleBuffer | DeviceSa
     evidence out more widely before hits are divided by it. In focus, detail is worth that noise.
     """
     return 2 if assignment.kept >= _DENSE * samples.height * samples.width else 1
+
+
+def reach_along_edges(shear: Shear, grid: Grid, options: BuildOptions) -> npt.NDArray[np.float32]:
+    """Return how far along edges each plane's cells look for rays, (K,), in distances between rays.
+
+    Out of focus the mean over the lens does the same, and planes may be sharper: what is crisp and blurred by
+    few lens points shows these. Beyond `_LEAST_ALONG` of the reach in focus it gains nothing.
+    """
+    share = options.fine_to / np.maximum(np.abs(shear.slope), max(options.fine_to, 1e-6))
+    along = np.where((share >= _LEAST_ALONG) & (grid.cells > 1), options.along_edges * share, 0.0)
+    return along.astype(np.float32)
 
 
 def _touch(

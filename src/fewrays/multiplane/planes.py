@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fewrays.cuda.samples import DeviceSamples
-from fewrays.errors import SampleError
 from fewrays.lens import Lens
+from fewrays.method import make_options
 from fewrays.multiplane import engine
 from fewrays.multiplane.build import BuildOptions
 from fewrays.multiplane.files import load_maps, save_maps
@@ -77,7 +77,7 @@ class Multiplane:
         SampleError
             For options out of range.
         """
-        return cls(engine.build(samples, *split_options(BuildOptions, options)))
+        return cls(engine.build(samples, *split_options(BuildOptions, options, "Multiplane.build")))
 
     def render(self, lens: Lens | None = None, **options: Any) -> npt.NDArray[np.float32]:
         """Make an image.
@@ -102,7 +102,7 @@ class Multiplane:
         SampleError
             For options out of range, or a lens that these planes cannot be seen through.
         """
-        return engine.render(self.planes, lens, *split_options(RenderOptions, options))
+        return engine.render(self.planes, lens, *split_options(RenderOptions, options, "Multiplane.render"))
 
     def on_card(self) -> Multiplane:
         """Return the same planes in the memory of the current GPU, which makes many images of them faster.
@@ -167,7 +167,7 @@ class Multiplane:
         )
 
 
-def split_options(kind: type[Options], given: dict[str, Any]) -> tuple[Options, Execution]:
+def split_options(kind: type[Options], given: dict[str, Any], taker: str) -> tuple[Options, Execution]:
     """Make an options object and an `Execution` out of keyword arguments.
 
     Raises
@@ -177,8 +177,4 @@ def split_options(kind: type[Options], given: dict[str, Any]) -> tuple[Options, 
     """
     execution = {name: given[name] for name in ("device", "output", "threads", "progress") if name in given}
     own = {name: value for name, value in given.items() if name not in execution}
-    names = [field.name for field in fields(kind)]
-    unknown = sorted(set(own) - set(names))
-    if unknown:
-        raise SampleError(f"no option {unknown[0]!r}; there are {', '.join(names)}", field=unknown[0])
-    return kind(**own), Execution(**{"device": "auto", **execution})
+    return make_options(kind, own, taker), Execution(**{"device": "auto", **execution})

@@ -10,8 +10,9 @@ samples (`build`), and images of the maps (`render`):
    says nothing of those behind. It is shared out among the four cells around the place where it crosses a
    plane (`_Window.share_out`).
 3. **Estimate.** Hits over hits and passes is the opacity of a cell, and the mean of the hits its radiance.
-   Where few rays cross, both are drawn towards those of wider and wider neighbourhoods (`_estimate`). Planes
-   that are blurred anyway are smoothed a little (`_smooth`).
+   Where few rays cross, both are drawn towards those of wider and wider neighbourhoods (`_estimate`). In
+   focus, cells on edges count the rays along these as well (`edges_reference`). Planes that are blurred
+   anyway are smoothed a little (`_smooth`).
 4. **Views.** From each lens point, at each time, the planes are laid behind one another, front to back
    (layered, Eq. 33), and the mean of these views is the image (`render`).
 
@@ -34,8 +35,9 @@ import numpy as np
 import numpy.typing as npt
 
 from fewrays.lens import Lens
-from fewrays.multiplane.build import BuildOptions, lay_out
+from fewrays.multiplane.build import BuildOptions, lay_out, reach_along_edges
 from fewrays.multiplane.copies import gaussians, halved_planes
+from fewrays.multiplane.edges_reference import gather_along_edges
 from fewrays.multiplane.maps import BLOCK, Shear
 from fewrays.multiplane.render import RenderOptions, shrink_of
 from fewrays.multiplane.slabs import assign_planes
@@ -167,6 +169,7 @@ def build(samples: SampleBuffer, options: BuildOptions, execution: Execution) ->
     layout = lay_out(assignment, samples, options)
     shear, grid = layout.shear, layout.grid
     rays = _Rays.of_samples(samples, rule.most_blur)
+    along = reach_along_edges(shear, grid, options)
     planes = []
     with progress_bar(len(shear.slope), "multiplane: build", show=execution.progress, unit="plane") as bar:
         for k, (slope, motion) in enumerate(zip(shear.slope, shear.motion, strict=True)):
@@ -180,7 +183,7 @@ def build(samples: SampleBuffer, options: BuildOptions, execution: Execution) ->
             hit_sums = window.share_out(hits, np.column_stack([np.ones(len(hit)), rays.color[hit]]))
             pass_sums = window.share_out(passes, np.ones((len(passing), 1)))
             # Where nothing is kept nothing was hit, though no pass was counted either.
-            layer = window.kept[..., None] * _estimate(hit_sums, pass_sums, options.prior)
+            layer = window.kept[..., None] * _estimate(hit_sums, pass_sums, options.prior, float(along[k]))
             planes.append(Plane(float(slope), motion, cells, window.corner, window.kept, layer))
             bar.update()
     return Planes(samples.height, samples.width, samples.lens, shear, planes)
@@ -288,11 +291,11 @@ def _blocks_between(first: Indices, last: Indices) -> Indices:
     return blocks
 
 
-def _estimate(hits: Float64, passes: Float64, prior: float) -> Float64:
+def _estimate(hits: Float64, passes: Float64, prior: float, along: float) -> Float64:
     """Estimate opacity and premultiplied radiance of cells, from the widest neighbourhoods to single cells.
 
     In each neighbourhood the estimate is that of the next wider ones, interpolated, counted as `prior` rays,
-    and what its own rays say.
+    and what its own rays say. Single cells count the rays along their edges as well.
 
     Parameters
     ----------
@@ -301,6 +304,8 @@ def _estimate(hits: Float64, passes: Float64, prior: float) -> Float64:
     passes : ndarray, (R, C, 1)
         Number of rays that passed each cell.
     prior : float
+    along : float
+        How far along edges rays are gathered, in distances between rays; 0 for none.
 
     Returns
     -------
@@ -314,7 +319,10 @@ def _estimate(hits: Float64, passes: Float64, prior: float) -> Float64:
     color = np.divide(radiance, hit, out=np.zeros_like(radiance), where=hit > 0)
     known = (hit > 0).astype(np.float64)  # radiance is known only where something was hit
     while evidence:
-        hit, radiance, total = np.split(evidence.pop(), [1, 4], axis=2)
+        sums = evidence.pop()
+        if not evidence and along > 0:
+            sums = gather_along_edges(sums, np.concatenate([opacity, color], axis=2), along)
+        hit, radiance, total = np.split(sums, [1, 4], axis=2)
         opacity = (hit + prior * _doubled(opacity)) / (total + prior)
         nearby = _doubled(known)
         around = np.divide(_doubled(color), nearby, out=np.zeros_like(radiance), where=nearby > 0)

@@ -1,0 +1,12 @@
+// Rays gathered along edges.
+#pragma once
+
+#include "multiplane_estimate.h"
+
+namespace fewrays {
+
+// Adds to each cell's sums those of the cells along the edge that runs through it, if one does. Edges show in `coarse`,
+// the estimate of cells twice as wide. `along` is how far to look, in distances between rays.
+void gather_along_edges(const EstimateMaps& coarse, float along, const CellRange& range, EstimateMaps& fine);
+
+}  // namespace fewrays
