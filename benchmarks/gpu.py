@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import fewrays
+from fewrays import temporal
 from fewrays.cuda.device import Device, find_device, require_machine
 from fewrays.cuda.machine import Machine
 from fewrays.cuda.samples import DeviceSamples
@@ -31,8 +32,6 @@ from fewrays.multiplane import MultiplaneOptions
 from fewrays.multiplane.cuda.build import build_planes
 from fewrays.multiplane.cuda.render import render_planes
 from fewrays.sources.analytic_pinhole import pinhole
-from fewrays.temporal import TemporalOptions, make_plan
-from fewrays.temporal import cuda as temporal
 from fewrays.temporal.shading import shading_on
 from gpu_timing import DenoiserOnGpu, TimedMachine, milliseconds
 from report import markdown_table, met, provenance, write_page
@@ -55,6 +54,7 @@ PUBLISHED = {
     "temporal": "12.7 to 22.3 s on a GTX 680, as the same paper measured it (Lehtinen et al. 2011)",
 }
 
+TEMPORAL = temporal.TemporalOptions(locations=128)
 SHADING = f"shading, {LIT_SPP} spp, 2 lamps, 128 light points"
 
 Size = tuple[int, int]
@@ -93,7 +93,6 @@ def measure_size(
     planes = build_planes(machine, samples, build)
     image = render_planes(machine, planes, None, build)
     box = np.ascontiguousarray(fewrays.reconstruct(on_host, "box"))
-    plan = make_plan(on_host, TemporalOptions(locations=128))
     shading = shading_on(timed, lit_ground(*size, LIT_SPP)) if size in LIT_SIZES else None
     denoiser = DenoiserOnGpu(box)
     fields = (samples.xy, samples.uv, samples.depth, samples.color)
@@ -113,7 +112,9 @@ def measure_size(
         "multiplane, 64 views": views(64),
         **dynamic_runs(timed, size),
         "layered": lambda: layered.reconstruct_image(timed, samples, LayeredOptions()),
-        "temporal, 128 locations": lambda: temporal.reconstruct_bands(timed, samples, None, plan),
+        "temporal, 128 locations": lambda: temporal.reconstruct_on_card(
+            timed, samples, TEMPORAL, timed=False
+        ),
         **({} if shading is None else {SHADING: shading.run}),
         "copy of the samples on the card": copy_samples,
         "samples to the card": lambda: DeviceSamples.of_buffer(machine, on_host),
