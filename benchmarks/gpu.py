@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 
 import fewrays
-from fewrays import temporal
 from fewrays.cuda.device import Device, find_device, require_machine
 from fewrays.cuda.machine import Machine
 from fewrays.cuda.samples import DeviceSamples
@@ -32,6 +31,8 @@ from fewrays.multiplane import MultiplaneOptions
 from fewrays.multiplane.cuda.build import build_planes
 from fewrays.multiplane.cuda.render import render_planes
 from fewrays.sources.analytic_pinhole import pinhole
+from fewrays.temporal import TemporalOptions, make_plan_on_card, reconstruct_on_card
+from fewrays.temporal.cuda import reconstruct_bands
 from fewrays.temporal.shading import shading_on
 from gpu_timing import DenoiserOnGpu, TimedMachine, milliseconds
 from report import markdown_table, met, provenance, write_page
@@ -54,7 +55,6 @@ PUBLISHED = {
     "temporal": "12.7 to 22.3 s on a GTX 680, as the same paper measured it (Lehtinen et al. 2011)",
 }
 
-TEMPORAL = temporal.TemporalOptions(locations=128)
 SHADING = f"shading, {LIT_SPP} spp, 2 lamps, 128 light points"
 
 Size = tuple[int, int]
@@ -112,9 +112,7 @@ def measure_size(
         "multiplane, 64 views": views(64),
         **dynamic_runs(timed, size),
         "layered": lambda: layered.reconstruct_image(timed, samples, LayeredOptions()),
-        "temporal, 128 locations": lambda: temporal.reconstruct_on_card(
-            timed, samples, TEMPORAL, timed=False
-        ),
+        **temporal_runs(timed, samples),
         **({} if shading is None else {SHADING: shading.run}),
         "copy of the samples on the card": copy_samples,
         "samples to the card": lambda: DeviceSamples.of_buffer(machine, on_host),
@@ -141,6 +139,16 @@ def dynamic_runs(machine: Machine, size: Size) -> dict[str, Callable[[], object]
         "dynamic, sheets": lambda: prepare_sheets(machine, layers, lens, options),
         "dynamic, 36 views": lambda: dynamic.synthesize_views(machine, sheets, rules),
         "dynamic, from picture to image": lambda: dynamic.defocus_layers(machine, layers, lens, options),
+    }
+
+
+def temporal_runs(machine: Machine, samples: DeviceSamples) -> dict[str, Callable[[], object]]:
+    """Return the temporal method as a whole, and without what comes before and after its views."""
+    options = TemporalOptions(locations=128)
+    plan = make_plan_on_card(machine, samples, options, timed=False)
+    return {
+        "temporal, 128 locations": lambda: reconstruct_on_card(machine, samples, options, timed=False),
+        "temporal, 128 views alone": lambda: reconstruct_bands(machine, samples, plan),
     }
 
 
