@@ -58,6 +58,12 @@ class TestDispersion:
         samples = replace(samples_of(34, 33, 2), lens=Lens(0.0, 0.0))
         assert self.on_card(samples) == pytest.approx(dispersion(samples), rel=1e-12)
 
+    def test_more_samples_than_are_listed_at_once(self) -> None:
+        """Repeated samples leave the same holes."""
+        samples = samples_of(33, 34, 2)
+        fields = {name: np.repeat(getattr(samples, name), 12, axis=2) for name in samples.field_names()}
+        assert self.on_card(SampleBuffer(**fields, lens=samples.lens)) == self.on_card(samples)
+
     def test_without_a_pattern_it_is_the_published_one(self) -> None:
         small = samples_of(31, 60, 4)
         gone = samples_of(33, 34, 4)
