@@ -61,8 +61,10 @@ class TestDispersion:
     def test_more_samples_than_are_listed_at_once(self) -> None:
         """Repeated samples leave the same holes."""
         samples = samples_of(33, 34, 2)
-        arrays = (samples.xy, samples.uv, samples.depth, samples.color)
-        crowded = SampleBuffer(*(np.repeat(array, 12, axis=2) for array in arrays), lens=samples.lens)
+        xy, uv, depth, color = (
+            np.repeat(array, 12, axis=2) for array in (samples.xy, samples.uv, samples.depth, samples.color)
+        )
+        crowded = SampleBuffer(xy, uv, depth, color, samples.lens)
         assert self.on_card(crowded) == self.on_card(samples)
 
     def test_without_a_pattern_it_is_the_published_one(self) -> None:
