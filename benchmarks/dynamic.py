@@ -12,36 +12,27 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import dynamic_cost
 import dynamic_pictures
 import dynamic_quality
 from dynamic_scenes import SCENES, PinholeScene, load_pinhole_scene, require_pinhole_renders
-from page_parts import command_of, page_parser, parse_page_options
+from page_parts import make_page, parse_page_options
 from peers import require_bench
-from report import provenance, write_page
 
-Part = Callable[[list[PinholeScene], argparse.Namespace], Iterator[str]]
-
-_PAGE = "dynamic-results.md"
+ScenesPart = Callable[[list[PinholeScene], argparse.Namespace], Iterator[str]]
+"""A part of scenes that all parts share."""
 
 
 def main() -> None:
     """Measure, and write the page and the pictures."""
-    options = parse_options()
+    options = parse_page_options(__doc__, PARTS, repeated="at each number of views")
     require_bench()
     require_pinhole_renders(options.renders, SCENES)
-    (options.out / "images").mkdir(parents=True, exist_ok=True)
     scenes = [load_pinhole_scene(options.renders, name) for name in SCENES]
-    paragraphs = [each for name in options.parts for each in PARTS[name](scenes, options)]
-    command = command_of("dynamic.py", options.parts, PARTS)
-    write_page(options.out / _PAGE, *introduction(scenes), provenance(command), *paragraphs)
-    print(options.out / _PAGE)
-
-
-def parse_options() -> argparse.Namespace:
-    """Read the command line."""
-    return parse_page_options(page_parser(__doc__, PARTS, "at each number of views"))
+    parts = {name: partial(part, scenes) for name, part in PARTS.items()}
+    make_page("dynamic", introduction(scenes), parts, options)
 
 
 def introduction(scenes: list[PinholeScene]) -> Iterator[str]:
@@ -108,7 +99,7 @@ def cost_part(scenes: list[PinholeScene], options: argparse.Namespace) -> Iterat
     yield from dynamic_cost.section(costs, options.repetitions)
 
 
-PARTS: dict[str, Part] = {
+PARTS: dict[str, ScenesPart] = {
     "views": views_part,
     "pictures": pictures_part,
     "gains": gains_part,

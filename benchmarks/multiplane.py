@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from pathlib import Path
 
 import multiplane_bokeh
 import multiplane_cost
@@ -27,30 +26,17 @@ import multiplane_quality
 from disc_scenes import MOVING, STILL, load_disc_scene, rendered
 from example_renders import SCENES, samples_file
 from kept_images import KeptImages
-from page_parts import Part, command_of, page_parser, paragraphs_of, parse_page_options
+from page_parts import Part, make_page, parse_page_options
 from peers import require_bench
-from report import provenance, write_page
 
-_PAGE = "multiplane-results.md"
 _SPP = 8  # of what is timed and varied
 
 
 def main() -> None:
     """Measure, and write the page."""
-    options = parse_options()
+    options = parse_page_options(__doc__, PARTS, kept="images of other methods")
     require_bench()
-    (options.out / "images").mkdir(parents=True, exist_ok=True)
-    paragraphs = paragraphs_of(PARTS, options, first="memory")
-    command = command_of("multiplane.py", options.parts, PARTS)
-    write_page(options.out / _PAGE, *introduction(), provenance(command), *paragraphs)
-    print(options.out / _PAGE)
-
-
-def parse_options() -> argparse.Namespace:
-    """Read the command line."""
-    parser = page_parser(__doc__, PARTS, "of each contender")
-    parser.add_argument("--keep", type=Path, help="folder for images of other methods (none is kept)")
-    return parse_page_options(parser)
+    make_page("multiplane", introduction(), PARTS, options, first="memory")
 
 
 def introduction() -> Iterator[str]:

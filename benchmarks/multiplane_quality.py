@@ -210,7 +210,6 @@ def _plain_section(rows: Sequence[Row]) -> Iterator[str]:
         own = {row.spp: row.entries for row in rows if (row.scene, row.sampling) == (scene, sampling)}
         law = plain_law({spp: entries[PLAIN].psnr for spp, entries in own.items()})
         needed = [f"{law.needed(own[spp][OURS].psnr.error):.0f}" if spp in own else "" for spp in spps]
-        exponents = [f"{law.exponent:.2f}", f"{law.last_exponent:.2f}"]
-        table.append([f"{scene}, {LENSES[sampling]}", *needed, *exponents])
+        table.append([f"{scene}, {LENSES[sampling]}", *needed, *law.cells])
     head = ["", *(f"as {OURS} at {spp} spp" for spp in spps), "exponent", "of the last two"]
     yield markdown_table(head, table)

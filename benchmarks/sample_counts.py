@@ -53,6 +53,11 @@ class PlainLaw:
         """Return the samples per pixel at which plain averaging has this error, if the law holds."""
         return self.spp * self.error / error if error > 0 else math.inf
 
+    @property
+    def cells(self) -> list[str]:
+        """Both exponents as a table shows them: nothing where one buffer does not make a line."""
+        return ["" if math.isnan(e) else f"{e:.2f}" for e in (self.exponent, self.last_exponent)]
+
 
 @dataclass(frozen=True)
 class SampleCounts:
@@ -161,11 +166,10 @@ def _needed_table(counts: SampleCounts) -> str:
         if not scores:
             continue
         law = plain_law(scores)
-        exponents = [f"{law.exponent:.2f}", f"{law.last_exponent:.2f}"]
         for algorithm in (PUBLISHED, OURS):
             found = counts.scores[algorithm]
             needed = [f"{law.needed(found[spp].error):.0f}" if spp in found else "missing" for spp in SPP]
-            rows.append([f"{algorithm} = box of {_LENS_NAMES[sampling]}", *needed, *exponents])
+            rows.append([f"{algorithm} = box of {_LENS_NAMES[sampling]}", *needed, *law.cells])
     head = [
         "samples per pixel that averaging needs",
         *(f"at {spp} spp" for spp in SPP),

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from pathlib import Path
 
 import shadows_cost
 import shadows_flicker
@@ -24,30 +23,17 @@ import shadows_pictures
 import shadows_quality
 from kept_images import KeptImages
 from lit_scenes import load_lit, rendered_variants
-from page_parts import Part, command_of, page_parser, paragraphs_of, parse_page_options
+from page_parts import Part, make_page, parse_page_options
 from peers import require_bench
-from report import provenance, write_page
 
-_PAGE = "shadows-results.md"
 _TIMED, _VARIED = "moving_defocused", "still"
 
 
 def main() -> None:
     """Measure, and write the page."""
-    options = parse_options()
+    options = parse_page_options(__doc__, PARTS, kept="everyone's images")
     require_bench()
-    (options.out / "images").mkdir(parents=True, exist_ok=True)
-    paragraphs = paragraphs_of(PARTS, options, first="cost")
-    command = command_of("shadows.py", options.parts, PARTS)
-    write_page(options.out / _PAGE, *introduction(), provenance(command), *paragraphs)
-    print(options.out / _PAGE)
-
-
-def parse_options() -> argparse.Namespace:
-    """Read the command line."""
-    parser = page_parser(__doc__, PARTS, "of each contender")
-    parser.add_argument("--keep", type=Path, help="folder for everyone's images (none is kept)")
-    return parse_page_options(parser)
+    make_page("shadows", introduction(), PARTS, options, first="cost")
 
 
 def introduction() -> Iterator[str]:

@@ -22,29 +22,17 @@ import temporal_highlights
 import temporal_peers
 import temporal_pictures
 from disc_scenes import MOVING, SCENES, STILL, load_disc_scene, rendered
-from page_parts import Part, command_of, page_parser, paragraphs_of, parse_page_options
+from page_parts import Part, make_page, parse_page_options
 from peers import require_bench
-from report import provenance, write_page
 
 _PEER_SPP = (8, 16)
-_PAGE = "temporal-results.md"
 
 
 def main() -> None:
     """Measure, and write the page and the pictures."""
-    options = parse_options()
+    options = parse_page_options(__doc__, PARTS)
     require_bench()
-    (options.out / "images").mkdir(parents=True, exist_ok=True)
-    paragraphs = paragraphs_of(PARTS, options, first="cost")
-    command = command_of("temporal.py", options.parts, PARTS)
-    write_page(options.out / _PAGE, *introduction(), provenance(command), *paragraphs)
-    print(options.out / _PAGE)
-
-
-def parse_options() -> argparse.Namespace:
-    """Read the command line."""
-    parser = page_parser(__doc__, PARTS, "of each contender")
-    return parse_page_options(parser)
+    make_page("temporal", introduction(), PARTS, options, first="cost")
 
 
 def introduction() -> Iterator[str]:

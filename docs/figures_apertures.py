@@ -28,7 +28,10 @@ from fewrays.pixel_filter import PixelFilter
 from fewrays.sources.analytic import Plane, constant, disc, trace
 from fewrays.temporal.locations import make_locations
 from fewrays.vignetting import CatsEye
-from figures import BLUE, GREY, Floats, Picture, Plot, at_slope, enlarge, make_lens, maker, print_table, write
+from figure_drawing import BLUE, GREY, Picture, Plot, enlarge, write
+from figure_maker import maker
+from figure_measures import print_table
+from figure_scenes import Floats, at_slope, make_lens
 
 LENS = make_lens(aperture="disc", sampling="disc")
 _POINTS = 128

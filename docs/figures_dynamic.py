@@ -39,7 +39,10 @@ from fewrays.sources.analytic import (
     trace,
 )
 from fewrays.sources.analytic_pinhole import pinhole
-from figures import TRUTH_SPP, Floats, at_slope, enlarge, make_lens, maker, print_table, write
+from figure_drawing import enlarge, write
+from figure_maker import maker
+from figure_measures import print_table
+from figure_scenes import TRUTH_SPP, Floats, at_slope, make_lens
 
 LENS = make_lens(aperture="disc", sampling="disc")
 PUBLISHED: dict[str, Any] = {

@@ -24,7 +24,8 @@ from fewrays.display import Panel, tone_map
 from fewrays.method import Image
 from fewrays.metrics import psnr_display
 from fewrays.pixel_filter import PixelFilter
-from figures import print_table, write
+from figure_drawing import write
+from figure_measures import print_table
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 

@@ -35,26 +35,10 @@ from fewrays.sources.analytic import (
     sample,
     smooth_noise,
 )
-from figures import (
-    BLUE,
-    GREEN,
-    GREY,
-    INK,
-    ORANGE,
-    SPP,
-    TRUTH_SPP,
-    Plot,
-    at_slope,
-    difference,
-    enlarge,
-    inner,
-    leaves,
-    make_lens,
-    maker,
-    print_table,
-    quality,
-    write,
-)
+from figure_drawing import BLUE, GREEN, GREY, INK, ORANGE, Plot, difference, enlarge, write
+from figure_maker import maker
+from figure_measures import inner, print_table, quality
+from figure_scenes import SPP, TRUTH_SPP, at_slope, leaves, make_lens
 from figures_apertures import heart, painted
 
 LENS = make_lens(aperture="disc", sampling="disc")

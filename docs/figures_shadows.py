@@ -36,7 +36,9 @@ from fewrays.sources.analytic_shadows import (
     render_lit,
     true_image,
 )
-from figures import BLUE, GREEN, GREY, INK, ORANGE, Plot, enlarge, inner, maker, print_table, write
+from figure_drawing import BLUE, GREEN, GREY, INK, ORANGE, Plot, enlarge, write
+from figure_maker import maker
+from figure_measures import inner, print_table
 
 SPP = 4
 _BORDER = 4  # pixels

@@ -46,24 +46,10 @@ from fewrays.temporal.hierarchy import Hierarchy
 from fewrays.temporal.locations import make_locations
 from fewrays.temporal.plan import SurfaceRule
 from fewrays.temporal.reprojection import Paths
-from figures import (
-    BLUE,
-    INK,
-    ORANGE,
-    SPP,
-    TRUTH_SPP,
-    Floats,
-    Plot,
-    at_slope,
-    difference,
-    enlarge,
-    leaves,
-    make_lens,
-    maker,
-    print_table,
-    quality,
-    write,
-)
+from figure_drawing import BLUE, INK, ORANGE, Plot, difference, enlarge, write
+from figure_maker import maker
+from figure_measures import print_table, quality
+from figure_scenes import SPP, TRUTH_SPP, Floats, at_slope, leaves, make_lens
 
 LENS = make_lens(aperture="disc", sampling="disc")
 _MOTION = (9.0, 4.0)  # pixels over the shutter

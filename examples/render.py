@@ -33,7 +33,7 @@ from typing import Any
 
 import fewrays
 from fewrays.baselines.accumulation import Accumulator
-from fewrays.lens import Aperture
+from fewrays.lens import LensAperture
 from fewrays.parallel import progress_bar
 from fewrays.pixel_filter import PixelFilter
 from fewrays.sources import mitsuba as source
@@ -41,7 +41,7 @@ from fewrays.sources import mitsuba as source
 STILL_SCENES = ("foliage", "citadel", "serpent")
 LIT_SCENES = ("excavator",)
 SCENES = (*STILL_SCENES, "butterflies", *LIT_SCENES)
-SAMPLINGS: dict[Aperture, tuple[str, ...]] = {"gaussian": ("square", "gaussian"), "disc": ("disc",)}
+SAMPLINGS: dict[LensAperture, tuple[str, ...]] = {"gaussian": ("square", "gaussian"), "disc": ("disc",)}
 """How the lens is sampled for each aperture."""
 
 SIGMA = 1 / 3
@@ -163,7 +163,7 @@ def render_samples(take: Take, sampling: Any, spp: int, options: argparse.Namesp
 
 def render_reference(take: Take, options: argparse.Namespace) -> None:
     """Save images under the pixel filters, and how noisy they are."""
-    aperture: Aperture = "disc" if take.lighting else options.aperture
+    aperture: LensAperture = "disc" if take.lighting else options.aperture
     accumulators = accumulate_reference(
         take.scene,
         (options.height, options.width),
@@ -201,7 +201,7 @@ def accumulate_reference(
     *,
     spp: int,
     shading_spp: int = 1,
-    aperture: Aperture = "gaussian",
+    aperture: LensAperture = "gaussian",
     motion: Mapping[str, Any] | None = None,
     **settings: Any,
 ) -> dict[str, Accumulator]:

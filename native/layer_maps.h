@@ -14,6 +14,11 @@ namespace fewrays {
 // How well a cell is known, then opacity and premultiplied radiance.
 enum Channel { known, opacity, red, green, blue, channel_count };
 
+// Rows or columns [first, end).
+struct Span {
+    int first, end;
+};
+
 // A layer's filtered map over a rectangle of cells: pixels, or bins of a coarse layer.
 struct FilteredMap {
     float* values = nullptr;  // (channel_count, rows, stride)

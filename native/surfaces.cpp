@@ -4,11 +4,9 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
-#include <tuple>
 #include <utility>
 #include <vector>
 
-#include "math/reprojection.h"
 #include "math/surround.h"
 #include "simd.h"
 
@@ -17,259 +15,9 @@ namespace {
 
 constexpr int lanes = read_beyond;
 constexpr float infinity = std::numeric_limits<float>::infinity();
-constexpr int least_samples = 4;  // of a surface that stands on its own
-
-template <typename Combine>
-FEWRAYS_INLINE float across(const float* values, Combine&& combine) {
-    float result = values[0];
-    for (int lane = 1; lane < lanes; ++lane) result = combine(result, values[lane]);
-    return result;
-}
-
-FEWRAYS_INLINE float lesser(float a, float b) { return a < b ? a : b; }
-FEWRAYS_INLINE float greater(float a, float b) { return a > b ? a : b; }
-
-// The range of a quantity.
-struct Span {
-    float low[lanes], high[lanes];
-
-    FEWRAYS_INLINE Span() {
-        for (int lane = 0; lane < lanes; ++lane) {
-            low[lane] = infinity;
-            high[lane] = -infinity;
-        }
-    }
-    FEWRAYS_INLINE void include(int lane, bool wanted, float value) {
-        low[lane] = wanted & (value < low[lane]) ? value : low[lane];
-        high[lane] = wanted & (value > high[lane]) ? value : high[lane];
-    }
-    FEWRAYS_INLINE float least() const { return across(low, lesser); }
-    FEWRAYS_INLINE float most() const { return across(high, greater); }
-    FEWRAYS_INLINE float width() const { return most() - least(); }
-};
-
-struct Place {
-    float x, y, radius, tent;
-};
-
-// The range of slopes within R, up to one, and by how much any two samples might cross at most.
-struct Range {
-    float least, most, spread;
-};
-
-template <bool moving>
-FEWRAYS_INLINE Range find_range(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
-                                float farthest, const SurfaceRule& rule) {
-    Span slopes, speeds_x, speeds_y;
-    const float radius2 = place.radius * place.radius, at_x = place.x, at_y = place.y;
-    for (int row = 0; row < row_count; ++row)
-        for (std::int32_t first = rows[row].first; first < rows[row].end; first += lanes) {
-            const std::int32_t left = rows[row].end - first;
-            for (int lane = 0; lane < lanes; ++lane) {
-                const float dx = sights.x[first + lane] - at_x, dy = sights.y[first + lane] - at_y;
-                const float c = sights.slope[first + lane];
-                const bool wanted = (dx * dx + dy * dy <= radius2) & (lane < left) & (c <= farthest);
-                slopes.include(lane, wanted, c);
-                if constexpr (moving) {
-                    speeds_x.include(lane, wanted, sights.speed_x[first + lane]);
-                    speeds_y.include(lane, wanted, sights.speed_y[first + lane]);
-                }
-            }
-        }
-    Range range{slopes.least(), slopes.most(), slopes.width() * rule.along_lens};
-    if constexpr (moving) range.spread += greater(speeds_x.width(), speeds_y.width()) * rule.along_time;
-    return range;
-}
-
-FEWRAYS_CLONES Range range_of_still(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
-                                    float farthest, const SurfaceRule& rule) {
-    return find_range<false>(sights, rows, row_count, place, farthest, rule);
-}
-FEWRAYS_CLONES Range range_of_moving(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
-                                     float farthest, const SurfaceRule& rule) {
-    return find_range<true>(sights, rows, row_count, place, farthest, rule);
-}
-
-// The samples within R up to a slope: the quadrants that they fill, as bits, and sums under the tent.
-struct Group {
-    int quadrants;
-    float weight, red, green, blue;
-};
-
-enum class Sums { weights, radiance, weighted_radiance };
-
-template <Sums sums_of>
-FEWRAYS_INLINE Group add_up(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
-                            float farthest) {
-    float sums[4][lanes] = {};
-    std::int32_t quadrants[lanes] = {};
-    const float radius2 = place.radius * place.radius, per_tent = 1.0f / place.tent, at_x = place.x, at_y = place.y;
-    for (int row = 0; row < row_count; ++row)
-        for (std::int32_t first = rows[row].first; first < rows[row].end; first += lanes) {
-            const std::int32_t left = rows[row].end - first;
-            for (int lane = 0; lane < lanes; ++lane) {
-                const float dx = sights.x[first + lane] - at_x, dy = sights.y[first + lane] - at_y;
-                const float distance2 = dx * dx + dy * dy;
-                const bool wanted = (distance2 <= radius2) & (lane < left) & (sights.slope[first + lane] <= farthest);
-                const std::int32_t beside = dx >= 0 ? 2 : 1, quadrant = dy >= 0 ? 4 * beside : beside;
-                quadrants[lane] |= wanted ? quadrant : 0;
-                const float under = 1.0f - std::sqrt(wanted ? distance2 : 0.0f) * per_tent;
-                float weight = wanted & (under > 0.0f) ? under : 0.0f;
-                if constexpr (sums_of == Sums::weighted_radiance) weight *= sights.weight[first + lane];
-                sums[0][lane] += weight;
-                if constexpr (sums_of == Sums::weights) continue;
-                sums[1][lane] += weight * sights.red[first + lane];
-                sums[2][lane] += weight * sights.green[first + lane];
-                sums[3][lane] += weight * sights.blue[first + lane];
-            }
-        }
-    Group group{};
-    for (int lane = 0; lane < lanes; ++lane) {
-        group.quadrants |= quadrants[lane];
-        group.weight += sums[0][lane];
-        group.red += sums[1][lane];
-        group.green += sums[2][lane];
-        group.blue += sums[3][lane];
-    }
-    return group;
-}
-
-FEWRAYS_CLONES Group group_of_matte(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
-                                    float farthest) {
-    return add_up<Sums::radiance>(sights, rows, row_count, place, farthest);
-}
-FEWRAYS_CLONES Group group_of_glossy(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
-                                     float farthest) {
-    return add_up<Sums::weighted_radiance>(sights, rows, row_count, place, farthest);
-}
-FEWRAYS_CLONES Group group_of_numbers(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
-                                      float farthest) {
-    return add_up<Sums::weights>(sights, rows, row_count, place, farthest);
-}
-constexpr int all_quadrants = 15;
-
-float crossing_of(const Sights& s, std::ptrdiff_t a, std::ptrdiff_t b, const SurfaceRule& rule) {
-    const float slopes = s.slope[a] - s.slope[b];
-    const float speed_x = s.speed_x ? s.speed_x[a] - s.speed_x[b] : 0.0f;
-    const float speed_y = s.speed_x ? s.speed_y[a] - s.speed_y[b] : 0.0f;
-    return std::max(crossing(s.x[a] - s.x[b], slopes, speed_x, rule.along_lens, rule.along_time),
-                    crossing(s.y[a] - s.y[b], slopes, speed_y, rule.along_lens, rule.along_time));
-}
-
-// The sample next behind a slope, of those within a distance.
-struct Next {
-    float slope;         // infinite if there is none
-    std::int32_t index;  // of the sample
-    bool crosses;        // whether it, or another of its slope, crosses one of those in front
-};
-
-// Whether any of the samples within a distance that have a slope crosses one of those up to another slope.
-bool any_crosses(const Sights& sights, const SightRow* rows, int row_count, const Place& place, float farthest,
-                 float slope, const SurfaceRule& rule) {
-    const auto within = [&](std::int32_t i) {
-        const float dx = sights.x[i] - place.x, dy = sights.y[i] - place.y;
-        return dx * dx + dy * dy <= place.radius * place.radius;
-    };
-    const auto any = [&](auto&& holds) {
-        for (int row = 0; row < row_count; ++row)
-            for (std::int32_t i = rows[row].first; i < rows[row].end; ++i)
-                if (holds(i)) return true;
-        return false;
-    };
-    return any([&](std::int32_t i) {
-        return sights.slope[i] == slope && within(i) && any([&](std::int32_t j) {
-                   return sights.slope[j] <= farthest && within(j) && crossing_of(sights, i, j, rule) > rule.tolerance;
-               });
-    });
-}
-
-template <bool moving>
-FEWRAYS_INLINE Next find_next(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
-                              float farthest, const SurfaceRule& rule) {
-    float best[lanes], equals[lanes] = {};
-    std::int32_t which[lanes] = {};
-    for (int lane = 0; lane < lanes; ++lane) best[lane] = infinity;
-    const float radius2 = place.radius * place.radius, at_x = place.x, at_y = place.y;
-    for (int row = 0; row < row_count; ++row)
-        for (std::int32_t first = rows[row].first; first < rows[row].end; first += lanes) {
-            const std::int32_t left = rows[row].end - first;
-            for (int lane = 0; lane < lanes; ++lane) {
-                const float dx = sights.x[first + lane] - at_x, dy = sights.y[first + lane] - at_y;
-                const float c = sights.slope[first + lane];
-                const bool behind = (dx * dx + dy * dy <= radius2) & (lane < left) & (c > farthest);
-                const bool better = behind & (c < best[lane]);
-                equals[lane] = better ? 0.0f : (behind & (c == best[lane]) ? 1.0f : equals[lane]);
-                which[lane] = better ? first + lane : which[lane];
-                best[lane] = better ? c : best[lane];
-            }
-        }
-    int nearest = 0;
-    for (int lane = 1; lane < lanes; ++lane)
-        if (best[lane] < best[nearest]) nearest = lane;
-    Next next{best[nearest], which[nearest], false};
-    if (!(next.slope < infinity)) return next;
-    bool alone = equals[nearest] == 0.0f;
-    for (int lane = 0; lane < lanes; ++lane) alone &= lane == nearest || best[lane] != next.slope;
-    if (!alone) {
-        next.crosses = any_crosses(sights, rows, row_count, place, farthest, next.slope, rule);
-        return next;
-    }
-
-    const float x = sights.x[next.index], y = sights.y[next.index];
-    for (int row = 0; row < row_count; ++row)
-        for (std::int32_t first = rows[row].first; first < rows[row].end; first += lanes) {
-            const std::int32_t left = rows[row].end - first;
-            int crosses = 0;
-            for (int lane = 0; lane < lanes; ++lane) {
-                const float dx = sights.x[first + lane] - at_x, dy = sights.y[first + lane] - at_y;
-                const float c = sights.slope[first + lane];
-                const bool in_front = (dx * dx + dy * dy <= radius2) & (lane < left) & (c <= farthest);
-                float over_x = (next.slope - c) * rule.along_lens - rule.tolerance, over_y = over_x;
-                if constexpr (moving) {
-                    over_x += std::fabs(sights.speed_x[next.index] - sights.speed_x[first + lane]) * rule.along_time;
-                    over_y += std::fabs(sights.speed_y[next.index] - sights.speed_y[first + lane]) * rule.along_time;
-                }
-                const bool over =
-                    (over_x > std::fabs(x - sights.x[first + lane])) | (over_y > std::fabs(y - sights.y[first + lane]));
-                crosses |= static_cast<int>(in_front & over);
-            }
-            if (crosses) {
-                next.crosses = true;
-                return next;
-            }
-        }
-    return next;
-}
-
-FEWRAYS_CLONES Next next_still(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
-                               float farthest, const SurfaceRule& rule) {
-    return find_next<false>(sights, rows, row_count, place, farthest, rule);
-}
-FEWRAYS_CLONES Next next_moving(const Sights& sights, const SightRow* rows, int row_count, const Place& place,
-                                float farthest, const SurfaceRule& rule) {
-    return find_next<true>(sights, rows, row_count, place, farthest, rule);
-}
-
+constexpr int least_samples = 4;                       // of a surface that stands on its own
 constexpr int steps_at_a_glance = 2, most_steps = 12;  // samples that join one by one before all are put in order
-
-// How far back the surface reaches whose nearest sample has the slope `least` (Figure 7): samples of nearly that slope
-// cross nowhere, and after them each joins until one crosses another. Infinite, but negative, where that is not so or
-// takes long: the samples must be put in order then.
-float end_of_surface(const Sights& sights, const SightRow* rows, int row_count, const Place& place, float least,
-                     int steps, const SurfaceRule& rule) {
-    float farthest = least + 0.999f * rule.tolerance / rule.along_lens;
-    if (sights.speed_x && range_of_moving(sights, rows, row_count, place, farthest, rule).spread > rule.tolerance)
-        return -infinity;
-    const auto find = sights.speed_x ? next_moving : next_still;
-    for (int step = 0; step < steps; ++step) {
-        const Next next = find(sights, rows, row_count, place, farthest, rule);
-        if (next.crosses || !(next.slope < infinity)) return farthest;
-        farthest = next.slope;
-    }
-    return -infinity;
-}
-
-constexpr float taken = infinity;  // the depth of samples that a surface has taken
+constexpr float taken = infinity;                      // the depth of samples that a surface has taken
 constexpr float far_away = 1e18f;
 
 // Whether one of the points after the j-th forms a triangle with the i-th and the j-th that holds the origin and has no
@@ -307,64 +55,17 @@ SurfaceStatistics& SurfaceStatistics::operator+=(const SurfaceStatistics& other)
     return *this;
 }
 
-void Crowd::begin(const Sights& from, int most) {
-    from_ = from;
-    size_ = 0;
-    const std::size_t room = static_cast<std::size_t>(most) + read_beyond;
-    if (x_.size() >= room) return;
-    source_.resize(room);
-    for (auto* field : {&x_, &y_, &slope_, &speed_x_, &speed_y_}) field->resize(room);
-}
-
-void Crowd::finish() {
-    thin(most_samples);
-    for (int i = 0; i < size_; ++i) slope_[i] = from_.slope[source_[i]];
-    if (!from_.speed_x) return;
-    for (int i = 0; i < size_; ++i) {
-        speed_x_[i] = from_.speed_x[source_[i]];
-        speed_y_[i] = from_.speed_y[source_[i]];
-    }
-}
-
-void Crowd::thin(int most) {
-    if (size_ <= most) return;
-    order_.resize(static_cast<std::size_t>(size_));
-    for (int i = 0; i < size_; ++i) order_[i] = {x_[i] * x_[i] + y_[i] * y_[i], x_[i], y_[i], source_[i]};
-    std::nth_element(order_.begin(), order_.begin() + most, order_.end());
-    for (size_ = 0; size_ < most; ++size_) {
-        const Nearness& kept = order_[size_];
-        x_[size_] = kept.x;
-        y_[size_] = kept.y;
-        source_[size_] = kept.source;
-    }
-}
-
-Sights Crowd::sights() const {
-    Sights sights{};
-    sights.x = x_.data();
-    sights.y = y_.data();
-    sights.slope = slope_.data();
-    if (from_.speed_x) {
-        sights.speed_x = speed_x_.data();
-        sights.speed_y = speed_y_.data();
-    }
-    return sights;
-}
-
 // The usual cases: one surface, or a front one that fills all four quadrants around the location.
 Surfaces::Verdict Surfaces::glance(const Sights& sights, const SightRow* rows, int row_count, float x, float y,
                                    float* seen) {
     const Place place{x, y, rule_.radius, rule_.tent * rule_.radius};
-    const Range range =
-        (sights.speed_x ? range_of_moving : range_of_still)(sights, rows, row_count, place, infinity, rule_);
+    const Range range = range_of(sights, rows, row_count, place, infinity, rule_);
     if (range.least == infinity) return Verdict::nothing;
     if (rule_.tent == 0) return Verdict::several;  // for whom which sample is nearest matters
     const float farthest = range.spread <= rule_.tolerance
                                ? range.most
                                : end_of_surface(sights, rows, row_count, place, range.least, steps_at_a_glance, rule_);
     if (farthest == -infinity) return Verdict::several;
-    // Who wants to know the samples' numbers averages them for himself.
-    const auto group_of = sights.number ? group_of_numbers : sights.weight ? group_of_glossy : group_of_matte;
     const Group front = group_of(sights, rows, row_count, place, farthest);
     const bool single = farthest >= range.most;
     if (!(front.weight > 0) || (!single && front.quadrants != all_quadrants)) return Verdict::several;
@@ -433,7 +134,7 @@ bool Surfaces::obviously_covers() {
     const Sights sights = crowd_.sights();
     const SightRow all{0, crowd_.size()};
     const Place place{0.0f, 0.0f, far_away, rule_.radius};
-    const Range range = (sights.speed_x ? range_of_moving : range_of_still)(sights, &all, 1, place, infinity, rule_);
+    const Range range = range_of(sights, &all, 1, place, infinity, rule_);
     if (range.spread > rule_.tolerance) return false;
     begin_surfaces();
     take_all();
@@ -575,7 +276,7 @@ void Surfaces::filter(float radius, float* seen) {
     const Sights& from = crowd_.from();
     const auto distance = [&](int i) { return std::sqrt(sights_.x[i] * sights_.x[i] + sights_.y[i] * sights_.y[i]); };
     seen[3] = infinity;
-    for (int i : surface_) seen[3] = lesser(seen[3], sights_.slope[i]);
+    for (int i : surface_) seen[3] = std::min(sights_.slope[i], seen[3]);
     if (rule_.tent == 0) {
         const int nearest = *std::min_element(surface_.begin(), surface_.end(),
                                               [&](int a, int b) { return distance(a) < distance(b); });

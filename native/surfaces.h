@@ -3,74 +3,14 @@
 #pragma once
 
 #include <cmath>
-#include <compare>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
 
+#include "crowd.h"
+#include "sights.h"
+
 namespace fewrays {
-
-struct SurfaceRule {
-    float radius;                  // R, in pixels: no hole of the samples is wider
-    float along_lens, along_time;  // how far lens points and times vary within a location
-    float tolerance;               // pixels that samples of a surface may cross
-    float tent;                    // radius of the tent filter, in R; 0 takes the nearest sample instead
-    float overhang;                // pixels that a surface juts out beyond its outermost samples, on average
-};
-
-// Samples as seen from one lens point at one time.
-struct Sights {
-    const float *x, *y, *slope;
-    const float *speed_x, *speed_y;   // null where nothing moves
-    const float* weight;              // less than 1 for samples far from their own lens point; null where all are matte
-    const float *red, *green, *blue;  // null where nobody asks
-    const float* spacing;             // as in LightField
-    const std::int32_t* number;       // which of all samples it is; null where nobody asks
-};
-
-// Some of them, one after the other. Arrays have room for `read_beyond` more.
-struct SightRow {
-    std::int32_t first, end;
-};
-constexpr int read_beyond = 16;
-
-// Samples near a location; positions are relative to it.
-class Crowd {
-public:
-    // Keeps the nearest of them.
-    void thin(int most);
-
-    // Begins anew, with at most so many of certain samples.
-    void begin(const Sights& from, int most);
-    void add(float x, float y, std::int32_t i, bool wanted = true) {
-        x_[size_] = x;
-        y_[size_] = y;
-        source_[size_] = i;
-        size_ += wanted;
-    }
-    void finish();  // looks up what else there is to know of those that stay
-
-    static constexpr int most_samples = 512;  // of more, the nearest stay
-
-    int size() const { return size_; }
-    const Sights& from() const { return from_; }
-    std::ptrdiff_t source(int i) const { return source_[i]; }
-    Sights sights() const;  // positions, slopes and speeds
-
-private:
-    struct Nearness {  // the nearest first
-        float distance2, x, y;
-        std::int32_t source;
-
-        auto operator<=>(const Nearness&) const = default;
-    };
-
-    Sights from_{};
-    int size_ = 0;
-    std::vector<Nearness> order_;
-    std::vector<std::int32_t> source_;
-    std::vector<float> x_, y_, slope_, speed_x_, speed_y_;
-};
 
 // How often each case has occurred.
 struct SurfaceStatistics {

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fewrays.errors import SampleError
-from fewrays.lens import Aperture, Lens, Sampling
+from fewrays.lens import Lens, LensAperture, Sampling
 from fewrays.sources.analytic import (
     PixelFilter,
     Plane,
@@ -65,7 +65,7 @@ def test_a_narrow_gaussian_attenuates_a_grating_as_theory_says(sigma: float) -> 
 @pytest.mark.parametrize("pixel_filter", ["gaussian", "box"])
 @pytest.mark.parametrize("depth", [1.2, 2.0, 9.0])
 def test_references_tend_to_the_exact_image(
-    aperture: Aperture, pixel_filter: PixelFilter, depth: float
+    aperture: LensAperture, pixel_filter: PixelFilter, depth: float
 ) -> None:
     lens = Lens(-40.0, 20.0, aperture=aperture, sampling="square")
     texture = smooth_noise(6, seed=3)

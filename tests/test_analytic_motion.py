@@ -12,7 +12,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from fewrays import Lens, SampleBuffer, SampleError
-from fewrays.lens import Aperture
+from fewrays.lens import LensAperture
 from fewrays.sources.analytic import (
     Motion,
     PixelFilter,
@@ -221,7 +221,7 @@ def test_a_steady_motion_attenuates_a_grating_by_a_sinc(shutter: tuple[float, fl
     [(-1.9, 24.0, "disc"), (6.0, 24.0, "gaussian"), (6.0, 150.0, "disc")],
 )
 def test_exact_images_of_receding_waves_are_means_of_still_ones(
-    depth_change: float, far_blur: float, aperture: Aperture, pixel_filter: PixelFilter
+    depth_change: float, far_blur: float, aperture: LensAperture, pixel_filter: PixelFilter
 ) -> None:
     # The plane passes through the focal plane, at depth 2.5. At a time t it is a still one whose texture is
     # scaled about the principal point by its depth then and moved.

@@ -28,10 +28,11 @@ from fewrays.sources.analytic_shadows import (
     true_image,
     true_radiance,
 )
+from shadow_scenes import level
 
 Floats = npt.NDArray[np.float64]
 
-FLOOR = Sheet((0, 0, 0), (0, 1, 0), (1, 0, 0), albedo=(0.8, 0.5, 0.2))
+FLOOR = level(0, albedo=(0.8, 0.5, 0.2))
 WALL = Sheet((0, 0, -1.5), (0, 0, 1), (1, 0, 0))
 CAMERA = Camera(9, 12, position=(1, 3, 4), target=(0, 0.3, 0))
 LAMP = aimed((-1, 3, 1), (0, 0, 0), (0.5, 0.3), radiance=(10.0, 8.0, 6.0))
@@ -42,7 +43,7 @@ CROWD = [
     Ball((-0.7, 0.5, 0.2), 0.5),
     Column((1.0, 0, -0.6), (0, 1, 0), 0.2),
     *box((0.4, 0, 0.5), (0.3, 0.2), 0.6, turn=30),
-    Sheet((0, 1.4, 0), (0, 1, 0), (1, 0, 0), Bars(3, 0.4), seen=False),
+    level(1.4, Bars(3, 0.4), seen=False),
 ]
 MOVING = [
     FLOOR,

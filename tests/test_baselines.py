@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from fewrays.baselines import axis_aligned, box
 from fewrays.errors import SampleError
-from fewrays.lens import Aperture, Lens
+from fewrays.lens import Lens, LensAperture
 from fewrays.method import Image, Method
 from fewrays.parallel import Execution
 from fewrays.samples import OFF_IMAGE, SampleBuffer
@@ -49,14 +49,14 @@ def _with(samples: SampleBuffer, **arrays: Any) -> SampleBuffer:
     return SampleBuffer(**{**fields, "lens": samples.lens, **arrays})
 
 
-def _scene(spp: int = 8, aperture: Aperture = "disc") -> SampleBuffer:
+def _scene(spp: int = 8, aperture: LensAperture = "disc") -> SampleBuffer:
     return sample(SCENE, Lens(LENS.c0, LENS.c1, aperture=aperture, sampling="square"), 25, 33, spp)
 
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("spp", [1, 8])
 @pytest.mark.parametrize("aperture", ["disc", "gaussian"])
-def test_a_constant_image_stays_constant(method: Method, spp: int, aperture: Aperture) -> None:
+def test_a_constant_image_stays_constant(method: Method, spp: int, aperture: LensAperture) -> None:
     samples = _scene(spp, aperture)
     color = np.broadcast_to([0.25, 3.0, 7e3], samples.color.shape)
     np.testing.assert_allclose(

@@ -2,6 +2,7 @@
 
 import importlib
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +69,27 @@ def test_missing_renders_name_the_command(load_module: Any, tmp_path: Path) -> N
         load_module("example_renders").require_renders(tmp_path, ["serpent"], 4)
 
 
+def test_pages_hold_the_chosen_parts_in_order_whichever_is_made_first(
+    load_module: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pages, made = load_module("page_parts"), []
+
+    def part(options: Any) -> Iterator[str]:
+        made.append(options.repetitions)
+        yield f"part {len(made)}"
+
+    parts = {"a": part, "b": part, "c": part}
+    monkeypatch.setattr("sys.argv", ["page.py", "--parts", "a", "c", "--out", str(tmp_path), "--keep", "k"])
+    options = pages.parse_page_options("A page.", parts, kept="images")
+    assert options.keep == Path("k")
+    pages.make_page("some", iter(["# Title"]), parts, options, first="c")
+    paragraphs = (tmp_path / "some-results.md").read_text().split("\n\n")
+    assert [paragraphs[0], *paragraphs[2:]] == ["# Title", "part 2", "part 1\n"]
+    assert paragraphs[1].startswith("- Command: `python benchmarks/some.py --parts a c`")
+    assert made == [3, 3]
+    assert (tmp_path / "images").is_dir()
+
+
 @pytest.mark.parametrize("change", [0.0, 0.1])
 def test_samples_of_another_scene_than_the_reference_are_noticed(
     load_module: Any, tmp_path: Path, change: float
@@ -102,7 +124,10 @@ def test_plain_averaging_that_halves_its_error_follows_the_law(load_module: Any)
     assert law.needed(scores.Score(0.0, 50.0).error) == pytest.approx(1000)
     found[16] = scores.Score(0.0, found[8].corrected)
     assert counts.plain_law(found).last_exponent == pytest.approx(0)
-    assert math.isnan(counts.plain_law({8: found[8]}).exponent)
+    assert counts.plain_law({8: found[8], 16: found[8]}).cells == ["0.00", "0.00"]
+    single = counts.plain_law({8: found[8]})
+    assert math.isnan(single.exponent)
+    assert single.cells == ["", ""]
 
 
 def test_samples_that_have_not_been_rendered_are_named_with_their_command(load_module: Any) -> None:
@@ -114,6 +139,7 @@ def test_samples_that_have_not_been_rendered_are_named_with_their_command(load_m
     )
     text = "\n".join(counts.section([measured]))
     assert "missing: 1 spp, 2 spp, 4 spp, 16 spp" in text
+    assert "nan" not in text
     assert "python examples/render.py serpent --spp 1 2 4 16 --reference-spp 0" in text
 
 

@@ -15,13 +15,11 @@ from fewrays import METHODS, Lighting, LightSamples, SampleBuffer, SampleError, 
 from fewrays.cuda import device
 from fewrays.cuda.kernel import Kernel
 from fewrays.sources.analytic_shadows import (
-    Camera,
     Disc,
     HalfPlane,
     Lamp,
     Rectangle,
     Scene,
-    Sheet,
     aimed,
     box,
     render_lit,
@@ -32,25 +30,22 @@ from fewrays.temporal import shading
 from fewrays.temporal.hierarchy import Hierarchy
 from fewrays.temporal.lamps import make_lamps
 from fewrays.temporal.plan import SurfaceRule
-from lit_buffers import LIGHTS, lit_buffer
+from lit_buffers import LIGHTS, light_with, lighting_of, lit_buffer
 from phases import ORDERS, PhasesMachine
+from shadow_scenes import FLOOR, GREEN, WARM, aside, level
 
 Float32 = npt.NDArray[np.float32]
 
-UP = (0.0, 1.0, 0.0)
-FLOOR = Sheet((0, 0, 0), UP, (1, 0, 0))
-BOARD = Sheet((0, 0.6, 0), UP, (1, 0, 0), HalfPlane((0, 0), (1, 0.3)), seen=False)
-PLATE = Sheet((0, 0.7, 0), UP, (1, 0, 0), Disc((0, 0), 0.4))
-LID = Sheet((0, 1.0, 0), UP, (1, 0, 0), Rectangle((0, 0), (4, 4)), seen=False)
-SQUARE = aimed((1, 4, 1), (0, 0, 0), (0.6, 0.3), radiance=(10, 8, 6))
-ROUND = aimed((-2, 3, 1), (0, 0, 0), (0.3, 0.5), "disc", radiance=(4, 8, 2))
+BOARD = level(0.6, HalfPlane((0, 0), (1, 0.3)), seen=False)
+PLATE = level(0.7, Disc((0, 0), 0.4))
+LID = level(1.0, Rectangle((0, 0), (4, 4)), seen=False)
 SHIFTED = aimed((1, 4, 1), (0, 0, 0), (0.5, 0.5), motion=(1.0, 0.2, -0.5), radiance=(10, 8, 6))
 
 
 def scene_of(
-    shapes: Sequence[Shape], lamps: Sequence[Lamp] = (SQUARE,), *, lens_radius: float = 0.0, size: int = 12
+    shapes: Sequence[Shape], lamps: Sequence[Lamp] = (WARM,), *, lens_radius: float = 0.0, size: int = 12
 ) -> Scene:
-    camera = Camera(size, size + 3, position=(0, 3, 4), target=(0, 0.3, 0), fov=35, lens_radius=lens_radius)
+    camera = aside(size, size + 3, lens_radius=lens_radius)
     return Scene(camera, [FLOOR, *shapes], lamps, unlit=(0.01, 0.02, 0.03))
 
 
@@ -59,11 +54,11 @@ SCENES = {
     "disc": scene_of([PLATE]),
     "lid": scene_of([LID]),
     "box": scene_of(box((0, 0, 0), (0.5, 0.4), 0.7, turn=30.0)),
-    "two lamps": scene_of([PLATE], (SQUARE, ROUND)),
+    "two lamps": scene_of([PLATE], (WARM, GREEN)),
     "moving lamp": scene_of([PLATE], (SHIFTED,)),
-    "moving disc": scene_of([replace(PLATE, motion=(0.6, 0.2, 0.1))], (SQUARE, ROUND)),
+    "moving disc": scene_of([replace(PLATE, motion=(0.6, 0.2, 0.1))], (WARM, GREEN)),
     "passing disc": scene_of([replace(PLATE, motion=(0.4, 8.0, 0.0))]),
-    "defocus": scene_of(box((0, 0, 0), (0.5, 0.4), 0.7), (ROUND,), lens_radius=0.3),
+    "defocus": scene_of(box((0, 0, 0), (0.5, 0.4), 0.7), (GREEN,), lens_radius=0.3),
 }
 
 
@@ -71,12 +66,8 @@ def with_lights(
     samples: SampleBuffer, change: Callable[[int, LightSamples], dict[str, npt.NDArray[Any]]]
 ) -> SampleBuffer:
     """Change fields of each lamp's light samples."""
-    old = samples.lighting
-    assert old is not None
-    lights = []
-    for number, each in enumerate(old.lights):
-        fields = {name: getattr(each, name) for name in each.field_names()}
-        lights.append(LightSamples(each.light, **fields | change(number, each)))
+    old = lighting_of(samples)
+    lights = [light_with(each, **change(number, each)) for number, each in enumerate(old.lights)]
     lighting = Lighting(old.projection, old.normal, old.depth_gradient, old.unlit, lights)
     return replace(samples, lighting=lighting)
 
@@ -213,7 +204,7 @@ def test_what_all_of_a_lamp_shines_on_is_not_looked_up(machine: CountingMachine)
 @pytest.mark.usefixtures("machine")
 def test_a_lamp_that_stands_in_the_ground() -> None:
     """Its lower half shines from below on normals of shading that lean to it, past what lies there."""
-    cellar = Sheet((0, -0.2, 0), UP, (1, 0, 0), Rectangle((0.5, 0), (1, 2)), seen=False)
+    cellar = level(-0.2, Rectangle((0.5, 0), (1, 2)), seen=False)
     lamp = aimed((3, 0, 0), (0, 0, 0), (0.5, 0.5), radiance=(40, 30, 20))
     scene = scene_of([cellar], (lamp,))
     samples = render_lit(scene, 3)

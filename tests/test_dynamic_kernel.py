@@ -193,7 +193,7 @@ def with_value(array: npt.NDArray[Any], value: float) -> npt.NDArray[Any]:
         ({"squeeze": 0.0}, "squeeze", "0.125"),
         ({"device": "gpu"}, "device", "auto, cpu, reference"),
         ({"threads": 0}, "threads", "at least 1"),
-        ({"samples": 3}, "samples", "no such option"),
+        ({"samples": 3}, "samples", "no such option for defocus"),
     ],
 )
 def test_what_cannot_be_used_is_refused(changes: dict[str, Any], field: str, problem: str) -> None:

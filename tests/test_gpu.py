@@ -7,6 +7,7 @@ memory that nobody wrote, streams, and other libraries' arrays.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,13 +22,14 @@ from fewrays.cuda.samples import DeviceSamples
 from fewrays.dynamic import DepthLayer, DeviceLayer, defocus_rgba
 from fewrays.pixel_filter import PixelFilter
 from fewrays.samples import SampleBuffer
-from fewrays.sources.analytic_shadows import Ball, Camera, Scene, Sheet, aimed, render_lit
+from fewrays.sources.analytic_shadows import Ball, Scene, render_lit
 from fewrays.temporal import cuda_refine
 from fewrays.temporal.cuda_dispersion import dispersion_on_card
 from fewrays.temporal.cuda_mean import sample_mean_on_card
 from fewrays.temporal.dispersion import dispersion
 from fewrays.temporal.refine import correct, sample_mean
 from fewrays.temporal.shutter import Shutter
+from shadow_scenes import FLOOR, GREEN, WARM, aside
 
 pytestmark = pytest.mark.gpu
 
@@ -68,18 +70,14 @@ def samples_of(size: tuple[int, int], *, moving: bool = False) -> SampleBuffer:
 
 def lit_samples(size: tuple[int, int], *, moving: bool = False) -> SampleBuffer:
     """Balls on the ground under two lamps, a rectangle and a disc; one ball and one lamp may move."""
-    camera = Camera(*size, position=(0, 3, 4), target=(0, 0.3, 0), fov=35, lens_radius=0.1)
     shift = (0.3, 0.1, 0.0) if moving else (0.0, 0.0, 0.0)
     shapes = [
-        Sheet((0, 0, 0), (0, 1, 0), (1, 0, 0)),
+        FLOOR,
         Ball((-0.5, 0.5, 0), 0.5, motion=shift),
         Ball((0.6, 0.3, 0), 0.3),
     ]
-    lamps = [
-        aimed((1, 4, 1), (0, 0, 0), (0.6, 0.3), radiance=(10, 8, 6)),
-        aimed((-2, 3, 1), (0, 0, 0), (0.3, 0.5), "disc", motion=shift, radiance=(4, 8, 2)),
-    ]
-    return render_lit(Scene(camera, shapes, lamps), 2)
+    lamps = [WARM, replace(GREEN, light=replace(GREEN.light, motion=shift))]
+    return render_lit(Scene(aside(*size, lens_radius=0.1), shapes, lamps), 2)
 
 
 @pytest.mark.parametrize("size", SIZES)

@@ -24,7 +24,7 @@ from fewrays.layered import reference, regions
 from fewrays.layered.aperture import ApertureParts
 from fewrays.layered.plan import Plan
 from fewrays.layered.taps import gaussian_taps, tap_count
-from fewrays.lens import Aperture, Sampling
+from fewrays.lens import LensAperture, Sampling
 from fewrays.method import Image
 from fewrays.samples import OFF_IMAGE
 from rounding import change_by_rounding
@@ -34,7 +34,7 @@ reconstruct = partial(reconstruct_with, method="layered")
 LENS = Lens(-40.0, 8.0)
 
 
-def lens_of(blur: float, aperture: Aperture = "disc", sampling: Sampling = "disc") -> Lens:
+def lens_of(blur: float, aperture: LensAperture = "disc", sampling: Sampling = "disc") -> Lens:
     """Return a lens focused at 5 that gives the far background a circle of confusion of `blur` pixels."""
     return Lens(-5 * blur, blur, aperture, sampling)
 
@@ -190,7 +190,7 @@ class TestAgainstTheReference:
         height: int,
         width: int,
         spp: int,
-        aperture: Aperture,
+        aperture: LensAperture,
         sampling: Sampling,
         blur: float,
         sigma: float,

@@ -16,7 +16,7 @@ from buffers import random_buffer
 from fewrays import Lens, SampleBuffer, SampleError
 from fewrays import reconstruct as reconstruct_with
 from fewrays.layered_published import reference
-from fewrays.lens import Aperture, Sampling
+from fewrays.lens import LensAperture, Sampling
 from fewrays.samples import OFF_IMAGE
 from rounding import change_by_rounding
 
@@ -129,7 +129,7 @@ def test_kernel_equals_reference_on_any_buffer(
     height: int,
     width: int,
     spp: int,
-    aperture: Aperture,
+    aperture: LensAperture,
     sampling: Sampling,
     blur: float,
     sigma: float,

@@ -10,7 +10,7 @@ import pytest
 
 from fewrays import Lens
 from fewrays import reconstruct as reconstruct_with
-from fewrays.lens import Aperture, Sampling
+from fewrays.lens import LensAperture, Sampling
 from fewrays.method import Image
 from fewrays.metrics import psnr_display
 from fewrays.sources.analytic import (
@@ -30,7 +30,7 @@ SIZE = 96
 BORDER = 24  # no samples lie outside the image, so its edge is no test of an unbounded plane
 
 
-def lens_with(aperture: Aperture = "gaussian", sampling: Sampling = "square") -> Lens:
+def lens_with(aperture: LensAperture = "gaussian", sampling: Sampling = "square") -> Lens:
     return Lens(-500.0, 100.0, aperture, sampling)
 
 

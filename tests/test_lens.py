@@ -8,7 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from fewrays.errors import SampleError
-from fewrays.lens import Aperture, Lens, Sampling
+from fewrays.lens import Lens, LensAperture, Sampling
 
 
 def _grid(cells: int) -> np.ndarray:
@@ -116,7 +116,7 @@ def test_weights_by_hand() -> None:
 @pytest.mark.parametrize("sampling", ["disc", "square", "gaussian"])
 @pytest.mark.parametrize("sigma", [0.2, 1 / 3, 0.7])
 def test_weights_turn_the_sampling_density_into_the_aperture(
-    aperture: Aperture, sampling: Sampling, sigma: float
+    aperture: LensAperture, sampling: Sampling, sigma: float
 ) -> None:
     lens = Lens(-1.0, 1.0, aperture=aperture, sampling=sampling, sigma=sigma)
     uv = _grid(600)
@@ -134,7 +134,7 @@ def test_weights_turn_the_sampling_density_into_the_aperture(
 
 
 @pytest.mark.parametrize(("aperture", "sampling"), [("disc", "square"), ("gaussian", "square")])
-def test_second_moment_is_that_of_gaussian_sigma(aperture: Aperture, sampling: Sampling) -> None:
+def test_second_moment_is_that_of_gaussian_sigma(aperture: LensAperture, sampling: Sampling) -> None:
     lens = Lens(-1.0, 1.0, aperture=aperture, sampling=sampling, sigma=0.2)
     uv = _grid(800)
     weights = lens.weights(uv)

@@ -15,6 +15,7 @@ from fewrays import AreaLight, SampleError
 from fewrays.sources.light_integral import irradiance, overlap, ramp, segment, visible_share
 from fewrays.sources.opaque_shapes import Ball, Column, Shape, Sheet, box
 from fewrays.sources.outlines import Bars, Disc, HalfPlane, Outline, Rectangle
+from shadow_scenes import level
 
 Floats = npt.NDArray[np.float64]
 
@@ -22,11 +23,6 @@ ABOVE = 3.0  # height of the light over the floor y = 0
 DOWN = AreaLight((0, ABOVE, 0), (1, 0, 0), (0, 0, 1))
 DISC = replace(DOWN, shape="disc")
 UP = np.array([0.0, 1.0, 0.0])
-
-
-def sheet_at(height: float, outline: Outline | None = None) -> Sheet:
-    """A level sheet; its coordinates (a, b) are x and -z."""
-    return Sheet((0, height, 0), (0, 1, 0), (1, 0, 0), outline)
 
 
 def floor_points(x: npt.ArrayLike, z: float = 0.0) -> Floats:
@@ -70,7 +66,7 @@ class TestPenumbrae:
 
     def test_half_plane_and_rectangle(self) -> None:
         light = replace(DOWN, half_u=(0.8, 0, 0), half_v=(0, 0, 0.5))
-        shapes = [sheet_at(0), sheet_at(self.height, HalfPlane((0.2, 0), (-1, 0)))]
+        shapes = [level(0), level(self.height, HalfPlane((0.2, 0), (-1, 0)))]
         share = visible_share(shapes, light, floor_points(self.x, 0.3))
         edge = self.x + (0.2 - self.x) * self.magnified
         np.testing.assert_allclose(share, 1 - ramp(edge / 0.8), atol=1e-4)
@@ -80,7 +76,7 @@ class TestPenumbrae:
     @pytest.mark.parametrize("direction", [0.0, 0.7, 2.0])
     def test_half_plane_and_disc(self, direction: float) -> None:
         towards = (math.cos(direction), math.sin(direction))
-        shapes = [sheet_at(0), sheet_at(self.height, HalfPlane((0, 0), towards))]
+        shapes = [level(0), level(self.height, HalfPlane((0, 0), towards))]
         points = floor_points(self.x, 0.3)
         share = visible_share(shapes, DISC, points)
         along = points[:, 0] * towards[0] - points[:, 2] * towards[1]
@@ -88,7 +84,7 @@ class TestPenumbrae:
 
     @pytest.mark.parametrize("radius", [0.2, 0.4, 0.7])
     def test_disc_and_disc(self, radius: float) -> None:
-        shapes = [sheet_at(0), sheet_at(self.height, Disc((0.1, 0), radius))]
+        shapes = [level(0), level(self.height, Disc((0.1, 0), radius))]
         points = floor_points(self.x)
         share = visible_share(shapes, DISC, points)
         middle = points[:, ::2] + (np.array([0.1, 0.0]) - points[:, ::2]) * self.magnified
@@ -103,7 +99,7 @@ class TestPenumbrae:
         across = (-math.sin(light_integral._SKEW), math.cos(light_integral._SKEW))
         plane = HalfPlane((0, 0), (across[0], -across[1]))
         points = floor_points(self.x)
-        share = visible_share([sheet_at(self.height, plane)], DISC, points)
+        share = visible_share([level(self.height, plane)], DISC, points)
         edge = points[:, 0] * across[0] * (1 - self.magnified)
         np.testing.assert_allclose(share, segment(edge), atol=1e-4)
 
@@ -190,14 +186,14 @@ class TestIrradiance:
                         hidden = behind(hidden, middle + sign * half, axis, -sign)
         full = lambert(corners, point, UP)
         expected = full - (lambert(hidden, point, UP) if len(hidden) > 2 else 0.0)
-        actual = irradiance([sheet_at(0), occluder], light, point[None], UP[None])
+        actual = irradiance([level(0), occluder], light, point[None], UP[None])
         np.testing.assert_allclose(actual, expected, atol=2e-4 * max(full, 1e-2))
 
     def test_each_at_its_own_time(self) -> None:
         """A moving light over a still edge, a still light over a moving one, both moving alike."""
         times = np.linspace(0, 1, 7)
         points = floor_points(np.full(7, 0.3))
-        still = sheet_at(1.0, HalfPlane((0, 0), (-1, 0)))
+        still = level(1.0, HalfPlane((0, 0), (-1, 0)))
         moving = replace(still, motion=(0.4, 0.0, 0.0))
         light = replace(DISC, motion=(0.4, 0.0, 0.0))
         for shape, lamp, start, edge in (
@@ -211,11 +207,11 @@ class TestIrradiance:
 
 
 SHAPES: list[Shape] = [
-    sheet_at(1.0),
+    level(1.0),
     Sheet((0, 1, 0), (0.2, 1, 0.1), (1, -0.2, 0), HalfPlane((0.1, 0.2), (1, 2))),
-    Sheet((0, 1, 0), (0, 1, 0), (1, 0, 0), Rectangle((0.1, 0.0), (0.5, 0.3))),
+    level(1, Rectangle((0.1, 0.0), (0.5, 0.3))),
     Sheet((0, 1, 0), (0.3, 1, 0), (0, 0, 1), Disc((0.1, 0.2), 0.6)),
-    Sheet((0, 1, 0), (0, 1, 0), (1, 0, 0), Bars(3, 0.4, 0.4, (0.1, 0), (1, 1))),
+    level(1, Bars(3, 0.4, 0.4, (0.1, 0), (1, 1))),
     Ball((0.1, 1.2, 0), 0.5),
     Column((0, 1.1, 0), (1, 0.3, 0.2), 0.4),
     Ball((0.1, 1.2, 0), 0.5, motion=(0.5, 0.1, 0)),
@@ -279,7 +275,7 @@ def test_round_shapes_by_hand() -> None:
     np.testing.assert_allclose(Column((0, 1, 7), (0, 0, 2), 0.5).hit(above, down), 3.5)
     np.testing.assert_allclose(Ball((0, 1, 0), 0.5).hit(np.array([[0.0, 1.0, 0.0]]), down), 0.5)
     assert np.isinf(Ball((0, 1, 0), 0.5).hit(above, -down)).all()
-    assert np.isinf(sheet_at(1.0).hit(above, np.array([[1.0, 0.0, 0.0]]))).all()
+    assert np.isinf(level(1.0).hit(above, np.array([[1.0, 0.0, 0.0]]))).all()
 
 
 def test_a_box_is_closed_but_below() -> None:

@@ -24,18 +24,13 @@ from fewrays import (
     reconstruct,
 )
 from fewrays.samples import OFF_IMAGE
-from lit_buffers import LIGHTS, draw_on_light, lit_buffer
+from lit_buffers import LIGHTS, draw_on_light, lighting_of, lit_buffer
 
 Floats = npt.NDArray[np.float64]
 
 SHAPE = (3, 4, 2)
 DOWN = AreaLight((0.0, -2.0, 3.0), (1.0, 0.0, 0.0), (0.0, 0.0, -0.5))
 """A light above what the camera looks at: its normal is +y, down."""
-
-
-def lighting_of(samples: SampleBuffer) -> Lighting:
-    assert samples.lighting is not None
-    return samples.lighting
 
 
 class TestProjection:

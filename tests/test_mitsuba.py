@@ -14,8 +14,9 @@ import pytest
 
 from fewrays import Lens, SampleBuffer, SampleError
 from fewrays.lens import Sampling
-from fewrays.sources import mitsuba as source
+from fewrays.sources import mitsuba_tracer
 from fewrays.sources.mitsuba import lens_of, render
+from fewrays.sources.mitsuba_camera import Camera
 
 EYE, TARGET, UP = [0.4, 0.9, -2.0], [0.1, 0.2, 1.0], [0.1, 1.0, 0.2]
 WIDTH, HEIGHT = 40, 28
@@ -92,7 +93,7 @@ def test_rays_are_those_of_mitsubas_own_sensors(
     if kind == "perspective":
         changes |= {"principal_point_offset_x": 0.1, "principal_point_offset_y": -0.07}
     scene = world(mi, sensor(mi, kind, **changes))
-    camera = source._Camera.of(mi, scene, 0, None, None, None, None)
+    camera = Camera.of(mi, scene, 0, None, None, None, None)
 
     rng = np.random.default_rng(1)
     position, aperture = rng.random((2, 500, 2)).astype(np.float32)
@@ -176,7 +177,7 @@ def test_same_seed_same_samples(mi: ModuleType) -> None:
 def test_batches_change_nothing_but_the_noise(mi: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = spheres(mi)
     whole = render(scene, spp=4, shading_spp=4)
-    monkeypatch.setattr(source, "_MAX_PATHS", 3000)
+    monkeypatch.setattr(mitsuba_tracer, "_MAX_PATHS", 3000)
     parts = render(scene, spp=4, shading_spp=4)
     for name in ("xy", "uv", "depth"):
         np.testing.assert_array_equal(getattr(whole, name), getattr(parts, name))

@@ -431,7 +431,7 @@ def test_mirrors_keep_the_light_that_shows_in_them(mi: ModuleType) -> None:
 def test_blocks_of_samples_change_nothing(mi: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = mi.load_dict(world(mi, ball=ball()))
     _, whole = trace(scene)
-    monkeypatch.setattr("fewrays.sources.mitsuba._MAX_LIT", 1000)
+    monkeypatch.setattr("fewrays.sources.mitsuba_tracer._MAX_LIT", 1000)
     _, parts = trace(scene)
     for name in whole.lights[0].field_names():
         np.testing.assert_array_equal(getattr(whole.lights[0], name), getattr(parts.lights[0], name))

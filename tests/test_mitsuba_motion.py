@@ -12,8 +12,9 @@ import numpy.typing as npt
 import pytest
 
 from fewrays import SampleBuffer, SampleError
-from fewrays.sources import mitsuba as source
 from fewrays.sources.mitsuba import render
+from fewrays.sources.mitsuba_camera import Camera
+from fewrays.sources.mitsuba_tracer import Tracer
 
 EYE, TARGET, UP = [0.4, 0.9, -2.0], [0.1, 0.2, 1.0], [0.1, 1.0, 0.2]
 WIDTH, HEIGHT, FOV = 40, 28, 45.0
@@ -132,7 +133,7 @@ def test_reprojected_samples_lie_on_the_object_as_traced_at_that_time(mi: Module
 
     moved = {**ball, "center": (centre + shift).tolist()}
     scene = mi.load_dict(world(mi, ball=moved))
-    camera = source._Camera.of(mi, scene, 0, None, None, 0.15, 2.5)
+    camera = Camera.of(mi, scene, 0, None, None, 0.15, 2.5)
     xy = (end[:, :2] / end[:, 2:]).astype(np.float32)
     origin, direction = camera.rays(xy, np.zeros_like(xy))
     found = scene.ray_intersect(mi.Ray3f(mi.Point3f(origin.T), mi.Vector3f(direction.T)))
@@ -228,7 +229,7 @@ def test_the_scene_is_left_as_it_was(mi: ModuleType, monkeypatch: pytest.MonkeyP
         raise RuntimeError("no more")
 
     with monkeypatch.context() as patch, pytest.raises(RuntimeError, match="no more"):
-        patch.setattr(source._Tracer, "_trace_batch", fail)
+        patch.setattr(Tracer, "_trace_batch", fail)
         trace(scene, motion=motion)
     after = trace(scene)
     for name in before.field_names():

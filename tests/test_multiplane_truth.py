@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fewrays import Lens, Multiplane, SampleBuffer, reconstruct
-from fewrays.lens import Aperture
+from fewrays.lens import LensAperture
 from fewrays.method import Image
 from fewrays.metrics import psnr_display
 from fewrays.sources.analytic import (
@@ -80,7 +80,7 @@ class TestTexturedPlane:
         ("slope", "aperture"),
         [(-10.0, "disc"), (-3.0, "disc"), (-1.0, "disc"), (0.0, "disc"), (2.0, "disc"), (6.0, "gaussian")],
     )
-    def test_still(self, slope: float, aperture: Aperture) -> None:
+    def test_still(self, slope: float, aperture: LensAperture) -> None:
         """Most is lost at -10 px, where planes are smoothed the most."""
         lens = replace(LENS, aperture=aperture, sampling=aperture)
         depth = lens.depth(slope)
@@ -222,7 +222,7 @@ class TestExclusiveVisibility:
     @pytest.mark.parametrize(
         ("options", "error"), [({}, 0.04), ({"views": 512}, 0.02)], ids=["default", "fine"]
     )
-    def test_a_slit(self, aperture: Aperture, options: dict[str, Any], error: float) -> None:
+    def test_a_slit(self, aperture: LensAperture, options: dict[str, Any], error: float) -> None:
         """Through a slit that is narrower than its blur, each pixel sees a part of the lens alone.
 
         The number of views is what the rest of the error is made of.

@@ -34,11 +34,8 @@ from fewrays.parallel import Execution
 from fewrays.sources.analytic_shadows import (
     Ball,
     Bars,
-    Camera,
     Rectangle,
     Scene,
-    Sheet,
-    aimed,
     box,
     render_lit,
 )
@@ -48,7 +45,8 @@ from fewrays.temporal.locations import Locations
 from fewrays.temporal.plan import SurfaceRule
 from fewrays.temporal.reprojection import Paths, Sights
 from fewrays.temporal.surfaces import any_covers, obviously_covers, surrounds
-from lit_buffers import LIGHTS, lit_buffer
+from lit_buffers import LIGHTS, light_with, lighting_of, lit_buffer
+from shadow_scenes import FLOOR, GREEN, WARM, aside, level
 
 Floats = npt.NDArray[np.float64]
 
@@ -56,11 +54,6 @@ SQUARE = AreaLight((0.3, -3.0, 4.0), (0.5, 0.0, 0.0), (0.0, 0.0, -0.5), plane_di
 OBLONG = replace(LIGHTS[0], half_u=(1.6, 0.0, 0.4))
 DISC = replace(LIGHTS[1], motion=(0.0, 0.0, 0.0), half_u=(0.3, -0.3, 0.0), half_v=(0.0, 0.0, -0.5))
 MOVING = replace(SQUARE, motion=(1.2, 0.3, -0.8))
-
-
-def lighting_of(samples: SampleBuffer) -> Lighting:
-    assert samples.lighting is not None
-    return samples.lighting
 
 
 def with_lights(samples: SampleBuffer, *, unlit: npt.ArrayLike, dark: tuple[int, ...] = ()) -> SampleBuffer:
@@ -72,10 +65,6 @@ def with_lights(samples: SampleBuffer, *, unlit: npt.ArrayLike, dark: tuple[int,
     ]
     unlit = np.broadcast_to(np.asarray(unlit, np.float32), old.unlit.shape)
     return replace(samples, lighting=Lighting(old.projection, old.normal, old.depth_gradient, unlit, lights))
-
-
-def light_with(light: LightSamples, **changes: npt.NDArray[np.float32]) -> LightSamples:
-    return LightSamples(light.light, **{name: getattr(light, name) for name in light.field_names()} | changes)
 
 
 def random_lit(kind: str, shape: tuple[int, int, int] = (4, 5, 3), seed: int = 0) -> SampleBuffer:
@@ -105,27 +94,16 @@ KINDS = ("pinhole", "still", "moving", "moving light", "oblong", "disc", "two li
 
 def seen_lit(kind: str, size: int = 10, spp: int = 2) -> SampleBuffer:
     """Samples of scenes with edges of shadows, contact, self-shadowing and gratings."""
-    camera = Camera(size, size, position=(0, 3, 4), target=(0, 0.3, 0), fov=35, lens_radius=0.2)
-    floor = Sheet((0, 0, 0), (0, 1, 0), (1, 0, 0))
-    lamp = aimed((1, 4, 1), (0, 0, 0), (0.6, 0.3), radiance=(10, 8, 6))
     shapes: dict[str, list[Any]] = {
-        "ball": [floor, Ball((-0.2, 0.5, 0), 0.5)],
-        "moving ball": [floor, Ball((-0.2, 0.5, 0), 0.5, motion=(0.4, 0.1, 0))],
-        "box": [floor, *box((0, 0, 0), (0.5, 0.4), 0.7, turn=30.0)],
-        "roof": [floor, Sheet((0, 1.5, 0), (0, 1, 0), (1, 0, 0), Rectangle((0, 0), (3, 3)), seen=False)],
-        "half a roof": [
-            floor,
-            Sheet((0, 0.5, 0), (0, 1, 0), (1, 0, 0), Rectangle((-2, 0), (2, 3)), seen=False),
-        ],
-        "bars": [
-            floor,
-            Sheet((0, 0.8, 0), (0, 1, 0), (1, 0, 0), Bars(5, 0.5, 0.5, (0, 0), (1, 0.2)), seen=False),
-        ],
+        "ball": [Ball((-0.2, 0.5, 0), 0.5)],
+        "moving ball": [Ball((-0.2, 0.5, 0), 0.5, motion=(0.4, 0.1, 0))],
+        "box": [*box((0, 0, 0), (0.5, 0.4), 0.7, turn=30.0)],
+        "roof": [level(1.5, Rectangle((0, 0), (3, 3)), seen=False)],
+        "half a roof": [level(0.5, Rectangle((-2, 0), (2, 3)), seen=False)],
+        "bars": [level(0.8, Bars(5, 0.5, 0.5, (0, 0), (1, 0.2)), seen=False)],
     }
-    lamps = [lamp]
-    if kind == "moving ball":
-        lamps.append(aimed((-2, 3, 1), (0, 0, 0), (0.3, 0.5), "disc", radiance=(4, 8, 2)))
-    return render_lit(Scene(camera, shapes[kind], lamps), spp)
+    lamps = [WARM, GREEN] if kind == "moving ball" else [WARM]
+    return render_lit(Scene(aside(size, size, lens_radius=0.2), [FLOOR, *shapes[kind]], lamps), spp)
 
 
 SCENES = ("ball", "moving ball", "box", "roof", "half a roof", "bars")

@@ -30,6 +30,7 @@ from fewrays.sources.analytic_shadows import (
 )
 from fewrays.sources.opaque_shapes import Shape
 from fewrays.sources.outlines import Outline
+from shadow_scenes import FLOOR, aside, level
 
 Floats = npt.NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -37,9 +38,8 @@ Method = Callable[[SampleBuffer], Image]
 
 SPP = 4
 BORDER = 4  # pixels that samples outside of the image would have helped with
-FLOOR = Sheet((0, 0, 0), (0, 1, 0), (1, 0, 0))
 ABOVE = Camera(40, 40, position=(0, 6, 0), target=(0, 0, 0), up=(0, 0, -1), fov=30)  # 12.4 pixels per unit
-ASIDE = Camera(40, 40, position=(0, 3, 4), target=(0, 0.3, 0), fov=35)
+ASIDE = aside(40, 40)
 HIGH = (0.0, 4.0, 0.0)
 BRIGHT = (10.0, 10.0, 10.0)
 SQUARE = aimed(HIGH, (0, 0, 0), (0.8, 0.8), radiance=BRIGHT)
@@ -159,7 +159,7 @@ class TestPenumbra:
     "scene",
     [
         Scene(ABOVE, [FLOOR, hidden(1.2, Disc((0, 0), 0.6))], [ROUND]),
-        Scene(ASIDE, [FLOOR, Sheet((0, 1, 0), (0, 1, 0), (1, 0, 0), Disc((0, 0), 0.5))], [ROUND]),
+        Scene(ASIDE, [FLOOR, level(1, Disc((0, 0), 0.5))], [ROUND]),
         Scene(ASIDE, [FLOOR, Ball((-0.4, 0.6, 0), 0.5, motion=(0.8, 0, 0))], [SQUARE]),
         Scene(replace(ASIDE, lens_radius=0.3, focus_distance=3.2), [FLOOR, Ball((0, 0.6, 0), 0.5)], [SQUARE]),
     ],

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from fewrays import Lens, SampleBuffer, reconstruct
-from fewrays.lens import Aperture
+from fewrays.lens import LensAperture
 from fewrays.method import Image
 from fewrays.metrics import psnr_display
 from fewrays.parallel import Execution
@@ -49,7 +49,7 @@ class TestTexturedPlane:
         ("slope", "aperture"),
         [(-10.0, "disc"), (0.0, "disc"), (12.0, "disc"), (6.0, "gaussian")],
     )
-    def test_still(self, slope: float, aperture: Aperture) -> None:
+    def test_still(self, slope: float, aperture: LensAperture) -> None:
         lens = replace(LENS, aperture=aperture, sampling=aperture)
         depth = lens.depth(slope)
         image = reconstruct(sample([Plane(depth, self.texture)], lens, SIDE, SIDE, 8), "temporal")

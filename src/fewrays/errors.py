@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["SampleError", "first_index", "require_option"]
+__all__ = ["SampleError", "first_index", "require_known_options", "require_option"]
 
 
 class SampleError(ValueError):
@@ -43,3 +44,12 @@ def require_option(name: str, value: object, accepted: bool, allowed: str) -> No
     """Raise a `SampleError` that names an option, its value and what is allowed, unless it is accepted."""
     if not accepted:
         raise SampleError(f"expected a value {allowed}, got {value!r}", field=name)
+
+
+def require_known_options(given: Iterable[str], known: Sequence[str], taker: str) -> None:
+    """Raise a `SampleError` for the first option that `taker` does not know; it names all that there are."""
+    for name in given:
+        if name not in known:
+            raise SampleError(
+                f"no such option for {taker}; there are {', '.join(known) or 'none'}", field=name
+            )

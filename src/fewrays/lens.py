@@ -25,10 +25,13 @@ import numpy.typing as npt
 
 from fewrays.errors import SampleError
 
-__all__ = ["Aperture", "Lens", "Sampling"]
+__all__ = ["Lens", "LensAperture", "Sampling"]
 
-Aperture = Literal["disc", "gaussian"]
+LensAperture = Literal["disc", "gaussian"]
+"""What a lens's image integrates over; `fewrays.aperture.Aperture` knows more shapes."""
+
 Sampling = Literal["disc", "square", "gaussian"]
+"""What the lens positions of samples were drawn from."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +68,7 @@ class Lens:
 
     c0: float
     c1: float
-    aperture: Aperture = "disc"
+    aperture: LensAperture = "disc"
     sampling: Sampling = "disc"
     sigma: float = 1.0 / 3.0
 
@@ -93,7 +96,7 @@ class Lens:
                 f"expected a number from {least} to {most:g} lens radii, got {self.sigma:g}",
                 field="lens.sigma",
             )
-        for name, choices in (("aperture", get_args(Aperture)), ("sampling", get_args(Sampling))):
+        for name, choices in (("aperture", get_args(LensAperture)), ("sampling", get_args(Sampling))):
             value = getattr(self, name)
             if value not in choices:
                 raise SampleError(
@@ -112,7 +115,7 @@ class Lens:
         lens_radius: float | None = None,
         f_number: float | None = None,
         units_per_metre: float = 1.0,
-        aperture: Aperture = "disc",
+        aperture: LensAperture = "disc",
         sampling: Sampling = "disc",
         sigma: float = 1.0 / 3.0,
     ) -> Lens:
@@ -286,7 +289,9 @@ class Lens:
         """
         return self._density(self.sampling, _radius_squared(uv))
 
-    def _density(self, shape: Aperture | Sampling, r2: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+    def _density(
+        self, shape: LensAperture | Sampling, r2: npt.NDArray[np.floating]
+    ) -> npt.NDArray[np.floating]:
         if shape == "gaussian":
             inside = math.erf(1 / (self.sigma * math.sqrt(2)))
             norm = 1 / (2 * math.pi * self.sigma**2 * inside**2)

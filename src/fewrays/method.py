@@ -7,18 +7,21 @@ does not depend on the lens that is looked through (`Preparation`): then many im
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from fewrays.errors import require_known_options
 from fewrays.lens import Lens
 from fewrays.parallel import Execution
 
-__all__ = ["Image", "Method", "Preparation", "Prepared", "Reconstruction"]
+__all__ = ["Image", "Method", "Preparation", "Prepared", "Reconstruction", "make_options"]
+
+Options = TypeVar("Options")
 
 Image = npt.NDArray[np.float32]
 
@@ -126,3 +129,24 @@ class Method:
     run: Callable[[Any, Any, Execution], Reconstruction]
     preparation: Preparation | None = None
     reads_lights: Callable[[Any], bool] = _reads_none
+
+
+def make_options(kind: type[Options], given: Mapping[str, Any], taker: str) -> Options:
+    """Make an options object out of the keyword arguments that users gave.
+
+    Parameters
+    ----------
+    kind : type
+        A dataclass of options.
+    given : mapping of str
+        Values by the names of its fields.
+    taker : str
+        What users call that which takes the options, for messages.
+
+    Raises
+    ------
+    SampleError
+        For a name that is no field, or a value that the dataclass refuses.
+    """
+    require_known_options(given, [field.name for field in fields(kind)], taker)  # type: ignore[arg-type]
+    return kind(**given)

@@ -13,7 +13,7 @@ from fewrays.baselines import axis_aligned, box, sheared
 from fewrays.cuda.device import pick_device
 from fewrays.cuda.samples import DeviceSamples
 from fewrays.errors import SampleError
-from fewrays.method import Image, Method, Reconstruction
+from fewrays.method import Image, Method, Reconstruction, make_options
 from fewrays.parallel import Execution
 from fewrays.samples import SampleBuffer
 from fewrays.temporal.shading import shade
@@ -112,17 +112,11 @@ def reconstruct(
         For an unknown method, device or option, options out of range, and ``device="cuda"`` without a GPU.
     """
     chosen = find_method(method)
-    known = [field.name for field in dataclasses.fields(chosen.options)]
-    for name in options:
-        if name not in known:
-            raise SampleError(
-                f"method {chosen.name!r} has no such option; it takes {', '.join(known) or 'none'}",
-                field=name,
-            )
+    own = make_options(chosen.options, options, f"method {chosen.name!r}")
     execution = Execution(
         device=device, threads=threads, progress=progress, aovs=aovs, shadows=shadows, output=output
     )
-    result = run_method(samples, chosen, chosen.options(**options), execution)
+    result = run_method(samples, chosen, own, execution)
     return (result.image, result.aovs) if aovs else result.image
 
 

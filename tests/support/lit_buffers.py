@@ -72,6 +72,17 @@ def lit_buffer(
     return replace(samples, color=lighting.color(samples), lighting=lighting)
 
 
+def lighting_of(samples: SampleBuffer) -> Lighting:
+    """Return the lighting of samples that have one."""
+    assert samples.lighting is not None
+    return samples.lighting
+
+
+def light_with(light: LightSamples, **changes: npt.NDArray[np.floating]) -> LightSamples:
+    """Return light samples with other values in some fields."""
+    return LightSamples(light.light, **{name: getattr(light, name) for name in light.field_names()} | changes)
+
+
 def _light_samples(
     light: AreaLight,
     projection: Projection,

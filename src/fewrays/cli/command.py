@@ -18,7 +18,7 @@ from tyro.conf import DisallowNone, Positional, arg
 from fewrays.errors import SampleError
 from fewrays.io import FORMATS, load
 from fewrays.io.images import IMAGE_FORMATS
-from fewrays.lens import Aperture, Lens, Sampling
+from fewrays.lens import Lens, LensAperture, Sampling
 from fewrays.samples import SampleBuffer
 
 __all__ = [
@@ -123,7 +123,7 @@ class InputFlags:
         The header of a version 1.3 file, where it is not FILE.header.
     """
 
-    aperture: Aperture | None = None
+    aperture: LensAperture | None = None
     sampling: Sampling | None = None
     sigma: float | None = None
     focus_distance: float | None = None

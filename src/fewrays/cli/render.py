@@ -10,7 +10,7 @@ from tyro.conf import Positional, arg
 
 from fewrays.cli.command import SAMPLE_SUFFIXES, Command, check_output, report, stopwatch
 from fewrays.io import save
-from fewrays.lens import Aperture, Sampling
+from fewrays.lens import LensAperture, Sampling
 
 __all__ = ["Render"]
 
@@ -72,7 +72,7 @@ class Render(Command):
     spp: int = 8
     width: int | None = None
     height: int | None = None
-    aperture: Aperture = "disc"
+    aperture: LensAperture = "disc"
     sampling: Sampling | None = None
     sigma: float = 1.0 / 3.0
     lens_radius: float | None = None

@@ -11,7 +11,6 @@ same in native code. `cuda_prepare` and `cuda` do all of it on a GPU.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -30,7 +29,7 @@ from fewrays.dynamic.prepare import Completion, GuessBackground, prepare_sheets
 from fewrays.dynamic.sheet import Sheet
 from fewrays.errors import SampleError, require_option
 from fewrays.lens import Lens
-from fewrays.method import Image
+from fewrays.method import Image, make_options
 from fewrays.parallel import Execution
 
 __all__ = ["DefocusOptions", "DepthLayer", "DeviceLayer", "defocus", "defocus_rgba", "make_light_field"]
@@ -144,11 +143,7 @@ def defocus_rgba(
     ndarray, (H, W, 4)
         Linear radiance multiplied by opacity, and opacity, float32.
     """
-    known = [field.name for field in dataclasses.fields(DefocusOptions)]
-    for name in options:
-        if name not in known:
-            raise SampleError(f"no such option; there are {', '.join(known)}", field=name)
-    chosen = DefocusOptions(**options)
+    chosen = make_options(DefocusOptions, options, "defocus")
     require_option("device", device, device in ("auto", *DEVICES), f"out of auto, {', '.join(DEVICES)}")
     execution = Execution(
         device=pick_device(DEVICES, device), threads=threads, progress=progress, output=output

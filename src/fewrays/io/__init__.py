@@ -17,7 +17,7 @@ from fewrays.io import exr, npz, tlfr
 from fewrays.io.files import as_path
 from fewrays.io.formats import Format
 from fewrays.io.images import load_image, save_image
-from fewrays.lens import Aperture, Lens, Sampling
+from fewrays.lens import Lens, LensAperture, Sampling
 from fewrays.samples import SampleBuffer
 
 __all__ = ["FORMATS", "load", "load_image", "save", "save_image"]
@@ -29,7 +29,7 @@ FORMATS: tuple[Format, ...] = (npz.FORMAT, tlfr.FORMAT, exr.FORMAT)
 def load(
     path: str | os.PathLike[str],
     *,
-    aperture: Aperture | None = None,
+    aperture: LensAperture | None = None,
     sampling: Sampling | None = None,
     sigma: float | None = None,
     nan: Literal["reject", "drop"] = "reject",

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from fewrays.errors import SampleError
+from fewrays.errors import SampleError, require_known_options
 from fewrays.lighting import AreaLight, Lighting, LightSamples, Projection
 from fewrays.samples import MAX_IMAGE_SIZE, MAX_SAMPLES, SampleBuffer
 
@@ -119,9 +119,7 @@ class Format:
 
     def check_options(self, options: Mapping[str, Any], known: tuple[str, ...]) -> None:
         """Raise a `SampleError` for an option that this format does not take."""
-        for name in options:
-            if name not in known:
-                raise SampleError(f"{self.name} files take {', '.join(known) or 'no options'}", field=name)
+        require_known_options(options, known, f"{self.name} files")
 
 
 def check_size(height: int, width: int, spp: int, field: str) -> None:
