@@ -31,8 +31,8 @@ from fewrays.multiplane import MultiplaneOptions
 from fewrays.multiplane.cuda.build import build_planes
 from fewrays.multiplane.cuda.render import render_planes
 from fewrays.sources.analytic_pinhole import pinhole
-from fewrays.temporal import TemporalOptions, make_plan
-from fewrays.temporal import cuda as temporal
+from fewrays.temporal import TemporalOptions, make_plan_on_card, reconstruct_on_card
+from fewrays.temporal.cuda import reconstruct_bands
 from fewrays.temporal.shading import shading_on
 from gpu_timing import DenoiserOnGpu, TimedMachine, milliseconds
 from report import markdown_table, met, provenance, write_page
@@ -93,7 +93,6 @@ def measure_size(
     planes = build_planes(machine, samples, build)
     image = render_planes(machine, planes, None, build)
     box = np.ascontiguousarray(fewrays.reconstruct(on_host, "box"))
-    plan = make_plan(on_host, TemporalOptions(locations=128))
     shading = shading_on(timed, lit_ground(*size, LIT_SPP)) if size in LIT_SIZES else None
     denoiser = DenoiserOnGpu(box)
     fields = (samples.xy, samples.uv, samples.depth, samples.color)
@@ -113,7 +112,7 @@ def measure_size(
         "multiplane, 64 views": views(64),
         **dynamic_runs(timed, size),
         "layered": lambda: layered.reconstruct_image(timed, samples, LayeredOptions()),
-        "temporal, 128 locations": lambda: temporal.reconstruct_bands(timed, samples, None, plan),
+        **temporal_runs(timed, samples),
         **({} if shading is None else {SHADING: shading.run}),
         "copy of the samples on the card": copy_samples,
         "samples to the card": lambda: DeviceSamples.of_buffer(machine, on_host),
@@ -140,6 +139,16 @@ def dynamic_runs(machine: Machine, size: Size) -> dict[str, Callable[[], object]
         "dynamic, sheets": lambda: prepare_sheets(machine, layers, lens, options),
         "dynamic, 36 views": lambda: dynamic.synthesize_views(machine, sheets, rules),
         "dynamic, from picture to image": lambda: dynamic.defocus_layers(machine, layers, lens, options),
+    }
+
+
+def temporal_runs(machine: Machine, samples: DeviceSamples) -> dict[str, Callable[[], object]]:
+    """Return the temporal method as a whole, and without what comes before and after its views."""
+    options = TemporalOptions(locations=128)
+    plan = make_plan_on_card(machine, samples, options, timed=False)
+    return {
+        "temporal, 128 locations": lambda: reconstruct_on_card(machine, samples, options, timed=False),
+        "temporal, 128 views alone": lambda: reconstruct_bands(machine, samples, plan),
     }
 
 

@@ -55,7 +55,6 @@ def phases(monkeypatch: pytest.MonkeyPatch) -> PhasesMachine:
         "fewrays.layered",
         "fewrays.multiplane.engine",
         "fewrays.temporal",
-        "fewrays.temporal.cuda",
         "fewrays.temporal.shading",
     ):
         monkeypatch.setattr(f"{module}.require_machine", lambda: machine)

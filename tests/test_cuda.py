@@ -20,7 +20,7 @@ from fewrays.multiplane.cuda import build as multiplane_build
 from fewrays.multiplane.cuda import render as multiplane_render
 from fewrays.multiplane.cuda import smoothing as multiplane_smoothing
 from fewrays.temporal import cuda as temporal_cuda
-from fewrays.temporal import shading_cuda
+from fewrays.temporal import cuda_dispersion, cuda_mean, cuda_refine, shading_cuda
 from phases import compile_phases
 
 KERNELS = (
@@ -32,6 +32,9 @@ KERNELS = (
     *multiplane_smoothing.KERNELS,
     *shading_cuda.KERNELS,
     *temporal_cuda.KERNELS,
+    *cuda_dispersion.KERNELS,
+    *cuda_mean.KERNELS,
+    *cuda_refine.KERNELS,
 )
 
 HAS_GPU = not isinstance(device.find_device(), str)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -65,6 +66,9 @@ def test_planes_stay_on_the_card(phases: PhasesMachine, samples: SampleBuffer, t
 
 @pytest.mark.usefixtures("phases")
 def test_samples_on_the_card(samples: SampleBuffer) -> None:
+    rng = np.random.default_rng(1)
+    time, bandwidth = rng.uniform(0.1, 1.0, (2, *samples.depth.shape)).astype(np.float32)
+    samples = replace(samples, time=time, bandwidth=bandwidth)
     on_card = device_samples(samples)
     np.testing.assert_array_equal(reconstruct(on_card, views=8), reconstruct(samples, device="cuda", views=8))
     np.testing.assert_array_equal(
@@ -73,8 +77,12 @@ def test_samples_on_the_card(samples: SampleBuffer) -> None:
     back = on_card.to_buffer()
     for name in samples.field_names():
         np.testing.assert_array_equal(getattr(back, name), getattr(samples, name))
-    lens = samples.lens.refocus(3.0)
-    np.testing.assert_allclose(on_card.with_lens(lens).xy, samples.with_lens(lens).xy, rtol=1e-6)
+    for scale in (1.0, 0.5, 0.0):
+        lens = samples.lens.refocus(3.0, scale)
+        seen, expected = on_card.with_lens(lens), samples.with_lens(lens)
+        np.testing.assert_allclose(seen.xy, expected.xy, rtol=1e-6)
+        assert expected.bandwidth is not None
+        np.testing.assert_allclose(seen.bandwidth, expected.bandwidth, rtol=1e-6)
     with pytest.raises(SampleError, match=r"are on a GPU.*'box'.*to_buffer"):
         reconstruct(on_card, "box")
     with pytest.raises(SampleError, match=r"are on a GPU.*'cpu'"):
@@ -90,12 +98,15 @@ def test_samples_on_the_card(samples: SampleBuffer) -> None:
         ("uv", 1.5, r"not in \[-1, 1\]"),
         ("xy", np.inf, "not finite"),
         ("color", np.nan, "not finite"),
+        ("bandwidth", 0.0, "not positive"),
+        ("bandwidth", np.nan, "not positive"),
     ],
 )
 def test_impossible_samples_on_the_card_are_refused(
     samples: SampleBuffer, field: str, value: float, problem: str
 ) -> None:
-    array = getattr(samples, field).copy()
+    # An infinite bandwidth is that of a matte surface.
+    array = np.full_like(samples.depth, np.inf) if field == "bandwidth" else getattr(samples, field).copy()
     array.flat[5] = value
     with pytest.raises(SampleError, match=f"{field}: .*{problem}"):
         device_samples(samples, **{field: array})

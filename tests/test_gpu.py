@@ -16,10 +16,19 @@ import pytest
 from agreement import assert_agree
 from buffers import random_buffer
 from fewrays import Lens, Multiplane, defocus, reconstruct, shade
+from fewrays.aperture import Aperture
+from fewrays.cuda.device import require_machine
 from fewrays.cuda.samples import DeviceSamples
 from fewrays.dynamic import DepthLayer, DeviceLayer, defocus_rgba
+from fewrays.pixel_filter import PixelFilter
 from fewrays.samples import SampleBuffer
 from fewrays.sources.analytic_shadows import Ball, Scene, render_lit
+from fewrays.temporal import cuda_refine
+from fewrays.temporal.cuda_dispersion import dispersion_on_card
+from fewrays.temporal.cuda_mean import sample_mean_on_card
+from fewrays.temporal.dispersion import dispersion
+from fewrays.temporal.refine import correct, sample_mean
+from fewrays.temporal.shutter import Shutter
 from shadow_scenes import FLOOR, GREEN, WARM, aside
 
 pytestmark = pytest.mark.gpu
@@ -85,6 +94,47 @@ def test_temporal(size: tuple[int, int], moving: bool) -> None:
     samples = samples_of(size, moving=moving)
     image = reconstruct(samples, "temporal", device="cuda", locations=8)
     assert_like_the_cpu(image, reconstruct(samples, "temporal", device="cpu", locations=8))
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_temporal_of_samples_on_the_card(moving: bool) -> None:
+    """Bandwidths, times and a shutter that is not always open, all of which stay there."""
+    cupy = pytest.importorskip("cupy")
+    samples = samples_of(SIZES[1], moving=moving)
+    rng = np.random.default_rng(5)
+    fields = {name: getattr(samples, name) for name in samples.field_names()}
+    fields["time"] = fields.get("time", rng.random(samples.depth.shape, np.float32))
+    fields["bandwidth"] = rng.uniform(0.2, 2.0, samples.depth.shape).astype(np.float32)
+    on_card = DeviceSamples.of_arrays(
+        **{name: cupy.asarray(each) for name, each in fields.items()}, lens=LENS
+    )
+    options: dict[str, Any] = {"locations": 8, "shutter": (0.1, 0.8), "blades": 5, "pixel_filter": "mitchell"}
+    image = reconstruct(on_card, "temporal", output="device", **options)
+    assert isinstance(image, cupy.ndarray)
+    expected = reconstruct(SampleBuffer(**fields, lens=LENS), "temporal", device="cpu", **options)
+    assert_like_the_cpu(cupy.asnumpy(image), expected)
+
+
+@pytest.mark.parametrize("spp", [1, 8])
+def test_holes_between_samples(spp: int) -> None:
+    samples = random_buffer(64, 64, spp, LENS)
+    machine = require_machine()
+    on_card = DeviceSamples.of_buffer(machine, samples)
+    assert dispersion_on_card(machine, on_card, timed=False) == pytest.approx(dispersion(samples), rel=1e-9)
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("correction", [0.5, 1.8, 16.0])
+def test_correction(size: tuple[int, int], correction: float) -> None:
+    """With what single samples say as well, and a median of as many numbers as pixels."""
+    machine = require_machine()
+    samples = random_buffer(*size, 2, LENS, off_image=0.3)
+    image = np.random.default_rng(6).gamma(2.0, 0.5, (*size, 3)).astype(np.float32)
+    aperture, box, whole = Aperture.of_lens(LENS), PixelFilter(), Shutter()
+    expected = correct(image, sample_mean(samples, aperture, box, whole), correction)
+    mean = sample_mean_on_card(machine, DeviceSamples.of_buffer(machine, samples), aperture, box, whole)
+    actual = cuda_refine.correct(machine, machine.on_device(image, np.float32), mean, correction)
+    assert_agree(machine.on_host(actual), expected, tolerance=1e-4)
 
 
 @pytest.mark.parametrize("size", SIZES)

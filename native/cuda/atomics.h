@@ -13,6 +13,7 @@ inline void atomic_least(std::uint64_t* number, std::uint64_t value) { atomicMin
 inline void atomic_increase(std::uint64_t* number, std::uint64_t value) { atomicAdd(number, value); }
 inline void atomic_increase(std::uint32_t* number, std::uint32_t value) { atomicAdd(number, value); }
 inline void atomic_most(std::uint32_t* number, std::uint32_t value) { atomicMax(number, value); }
+inline void atomic_most(std::uint64_t* number, std::uint64_t value) { atomicMax(number, value); }
 inline void atomic_set(std::uint32_t* number, std::uint32_t bits) { atomicOr(number, bits); }
 // Returns what the number was before, which depends on the order.
 inline std::uint32_t atomic_add(std::uint32_t* number, std::uint32_t value) { return atomicAdd(number, value); }
@@ -25,6 +26,7 @@ inline void atomic_least(std::uint64_t* number, std::uint64_t value) { *number =
 inline void atomic_increase(std::uint64_t* number, std::uint64_t value) { *number += value; }
 inline void atomic_increase(std::uint32_t* number, std::uint32_t value) { *number += value; }
 inline void atomic_most(std::uint32_t* number, std::uint32_t value) { *number = std::max(*number, value); }
+inline void atomic_most(std::uint64_t* number, std::uint64_t value) { *number = std::max(*number, value); }
 inline void atomic_set(std::uint32_t* number, std::uint32_t bits) { *number |= bits; }
 inline std::uint32_t atomic_add(std::uint32_t* number, std::uint32_t value) {
     const std::uint32_t before = *number;

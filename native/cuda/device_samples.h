@@ -14,7 +14,8 @@ constexpr float off_image = -524288.0f;  // samples left of it were dropped
 // Samples, one after the other.
 struct DeviceSamples {
     const float *xy, *uv, *depth, *color;
-    const float *time, *motion;  // null where nothing moves
+    const float *time, *motion;  // null where there are none; motion where nothing moves
+    const float* bandwidth;      // null where all are matte
     std::int64_t count;
     float c0, c1;
 };

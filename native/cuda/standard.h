@@ -32,6 +32,10 @@ inline float log(float x) { return ::logf(x); }
 inline double log(double x) { return ::log(x); }
 inline float log2(float x) { return ::log2f(x); }
 inline double log2(double x) { return ::log2(x); }
+inline double sin(double x) { return ::sin(x); }
+inline double cos(double x) { return ::cos(x); }
+inline double atan2(double y, double x) { return ::atan2(y, x); }
+inline double hypot(double x, double y) { return ::hypot(x, y); }
 inline float hypot(float x, float y) { return ::hypotf(x, y); }
 inline float fmin(float a, float b) { return ::fminf(a, b); }
 inline double fmin(double a, double b) { return ::fmin(a, b); }

@@ -11,6 +11,7 @@
 #include "../math/reprojection.h"
 #include "atomics.h"
 #include "block.h"
+#include "cell_sort.h"
 #include "device_samples.h"
 #include "surfaces.h"
 
@@ -69,21 +70,8 @@ inline void run_temporal_fill(const SortArguments& a, const Block& block, Nothin
         const std::int64_t i = static_cast<std::int64_t>(block.x()) * sample_threads + thread;
         if (i >= a.samples || a.seen[i].source < 0) return;
         const int cell = a.grid.row(a.seen[i].y) * a.grid.columns + a.grid.column(a.seen[i].x);
-        a.order[a.starts[cell] + atomic_take(&a.taken[cell])] = static_cast<std::int32_t>(i);
+        put_into_cell(a.starts, a.taken, a.order, cell, i);
     });
-}
-
-// Sorts the numbers of a cell, by Shell's method: most cells have few, some very many.
-FEWRAYS_INLINE void sort_numbers(std::int32_t* numbers, int count) {
-    int gap = 1;
-    while (gap < count / 3) gap = 3 * gap + 1;
-    for (; gap > 0; gap /= 3)
-        for (int i = gap; i < count; ++i) {
-            const std::int32_t number = numbers[i];
-            int to = i;
-            for (; to >= gap && numbers[to - gap] > number; to -= gap) numbers[to] = numbers[to - gap];
-            numbers[to] = number;
-        }
 }
 
 // Every thread arranges a cell.

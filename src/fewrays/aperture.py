@@ -256,21 +256,21 @@ class Aperture:
         That is the geometric area of a disc or polygon, of a Gaussian ``2πσ² erf²(1 / (σ √2))``, and of an
         image 4 times the mean; each times the factor of the squeeze.
         """
-        squeezed = float(self._scale.prod())
+        squeezed = float(self.scale.prod())
         if self.image is not None:
             return squeezed * self.image.area
         nodes, weights = np.polynomial.legendre.leggauss(_QUADRATURE)
-        half = math.pi / self._sectors
+        half = math.pi / self.sectors
         light = self._light_of_direction(self._rim(half * (nodes + 1) / 2))
-        return squeezed * float(self._sectors * half * (weights * light).sum())
+        return squeezed * float(self.sectors * half * (weights * light).sum())
 
     def contains(self, uv: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """Tell which lens positions ``(..., 2)`` let light pass; the rim does, with 1e-5 for rounding."""
-        return self._contains(np.asarray(uv, np.float64) / self._scale)
+        return self._contains(np.asarray(uv, np.float64) / self.scale)
 
     def density(self, uv: npt.ArrayLike) -> Float64:
         """Share of the light per lens unit² at lens positions ``(..., 2)``; 0 outside."""
-        uv = np.asarray(uv, np.float64) / self._scale
+        uv = np.asarray(uv, np.float64) / self.scale
         if self.image is not None:
             return self.image.transmittance(uv) / self.area
         light = np.ones(uv.shape[:-1])
@@ -300,10 +300,10 @@ class Aperture:
         """
         require_option("count", count, 1 <= count <= MAX_POINTS, f"from 1 to {MAX_POINTS}")
         uv = self._spiral(count) if self.image is None else self.image.points(count)
-        return np.clip(uv * self._scale, -1, 1)  # a cosine's rounding must not leave the square
+        return np.clip(uv * self.scale, -1, 1)  # a cosine's rounding must not leave the square
 
     @property
-    def _scale(self) -> Float64:
+    def scale(self) -> Float64:
         """Factors by which the squeeze shortens u and v."""
         return np.array([min(1.0, 1 / self.squeeze), min(1.0, self.squeeze)])
 
@@ -311,8 +311,8 @@ class Aperture:
         """Tell which positions ``(..., 2)`` are inside before the squeeze."""
         if self.image is not None:
             return self.image.transmittance(uv) > 0
-        turn = (np.arctan2(uv[..., 1], uv[..., 0]) - self._first_corner) / (2 * math.pi)
-        from_middle = (turn * self._sectors % 1 - 0.5) * (2 * math.pi / self._sectors)
+        turn = (np.arctan2(uv[..., 1], uv[..., 0]) - self.first_corner) / (2 * math.pi)
+        from_middle = (turn * self.sectors % 1 - 0.5) * (2 * math.pi / self.sectors)
         inside: npt.NDArray[np.bool_] = np.hypot(uv[..., 0], uv[..., 1]) <= self._rim(from_middle) + _RIM
         return inside
 
@@ -325,30 +325,39 @@ class Aperture:
         return uv
 
     @property
-    def _sectors(self) -> int:
+    def sectors(self) -> int:
         """How many equal sectors, from corner to corner, the shape consists of."""
         return {"disc": 1, "gaussian": 4, "polygon": self.blades}[self.shape]
 
     @property
-    def _first_corner(self) -> float:
+    def first_corner(self) -> float:
         """Direction in radians where the first sector begins."""
         return {"disc": 0.0, "gaussian": math.pi / 4, "polygon": math.radians(self.rotation)}[self.shape]
 
-    def _rim(self, from_middle: Float64) -> Float64:
-        """Distance of the rim from the lens centre, at angles in radians from the middle of a sector.
+    @property
+    def rim_arc(self) -> tuple[float, float]:
+        """Numbers ε and p of the rim's distance ``p / (ε cos φ + √(1 - ε² sin² φ))`` from the lens centre.
 
-        A polygon's side is an arc of curvature κ through two corners on the unit circle. With c and s the
-        cosine and sine of half a sector, its own centre lies ``ε / κ`` behind the lens centre, where
-        ``ε = √(1 - κ² s²) - κ c``; the formula is written so that κ = 0 is no exception.
+        φ is the angle from the middle of a sector. A polygon's side is an arc of curvature κ through two
+        corners on the unit circle. With c and s the cosine and sine of half a sector, its own centre lies
+        ``ε / κ`` behind the lens centre, where ``ε = √(1 - κ² s²) - κ c``; the formula is written so that
+        κ = 0 is no exception. A disc has the lens centre for its own; a square's sides are straight, as is
+        that which holds a Gaussian.
         """
+        if self.shape != "polygon":
+            return (1.0, 2.0) if self.shape == "gaussian" else (0.0, 1.0)
+        cosine, sine = math.cos(math.pi / self.blades), math.sin(math.pi / self.blades)
+        root = math.sqrt(1 - (self.roundness * sine) ** 2)
+        power = self.roundness * (sine**2 - cosine**2) + 2 * cosine * root
+        return root - self.roundness * cosine, power
+
+    def _rim(self, from_middle: Float64) -> Float64:
+        """Distance of the rim from the lens centre, at angles in radians from the middle of a sector."""
         if self.shape == "disc":
             return np.ones_like(from_middle)
         if self.shape == "gaussian":
             return 1 / np.cos(from_middle)
-        cosine, sine = math.cos(math.pi / self.blades), math.sin(math.pi / self.blades)
-        root = math.sqrt(1 - (self.roundness * sine) ** 2)
-        behind = root - self.roundness * cosine
-        power = self.roundness * (sine**2 - cosine**2) + 2 * cosine * root
+        behind, power = self.rim_arc
         across = np.sqrt(1 - (behind * np.sin(from_middle)) ** 2)
         rim: Float64 = power / (behind * np.cos(from_middle) + across)
         return rim
@@ -370,17 +379,17 @@ class Aperture:
 
     def _direction(self, turn: Float64) -> tuple[Float64, Float64]:
         """Return angles in radians and their rims, for shares of light that angles enclose with 0."""
-        sector, within = np.divmod(turn * self._sectors, 1)
+        sector, within = np.divmod(turn * self.sectors, 1)
         shares, angles = self._half_sector
         side = 2 * within - 1
         from_middle = np.copysign(np.interp(np.abs(side), shares, angles), side)
-        middle = self._first_corner + (sector + 0.5) * (2 * math.pi / self._sectors)
+        middle = self.first_corner + (sector + 0.5) * (2 * math.pi / self.sectors)
         return middle + from_middle, self._rim(from_middle)
 
     @cached_property
     def _half_sector(self) -> tuple[Float64, Float64]:
         """Shares of the light between a sector's middle and angles in radians up to its end, and these."""
-        angles = np.linspace(0, math.pi / self._sectors, 2 * _KNOTS + 1)
+        angles = np.linspace(0, math.pi / self.sectors, 2 * _KNOTS + 1)
         light = self._light_of_direction(self._rim(angles))
         simpson = light[:-2:2] + 4 * light[1::2] + light[2::2]
         shares = np.concatenate([[0], np.cumsum(simpson)])

@@ -16,14 +16,14 @@ from fewrays.samples import SampleBuffer
 __all__ = ["SAMPLE_FIELDS", "DeviceSamples"]
 
 SAMPLE_FIELDS = {
-    **dict.fromkeys(("xy", "uv", "depth", "color", "time", "motion"), "*f4"),
+    **dict.fromkeys(("xy", "uv", "depth", "color", "time", "motion", "bandwidth"), "*f4"),
     "samples": "i8",
     "c0": "f4",
     "c1": "f4",
 }
 """``DeviceSamples`` in ``native/cuda/device_samples.h``, as `fewrays.cuda.kernel.Kernel` describes it."""
 
-_CHANNELS = {"xy": 2, "uv": 2, "depth": None, "color": 3, "time": None, "motion": 3}
+_CHANNELS = {"xy": 2, "uv": 2, "depth": None, "color": 3, "time": None, "motion": 3, "bandwidth": None}
 _LENS_TOLERANCE = 1e-4
 
 
@@ -40,6 +40,8 @@ class DeviceSamples:
     time : array of float32, (H, W, S), optional
     motion : array of float32, (H, W, S, 3), optional
         Only where anything moves, and then with `time`.
+    bandwidth : array of float32, (H, W, S), optional
+        As `SampleBuffer.bandwidth`.
     """
 
     xy: Any
@@ -49,12 +51,13 @@ class DeviceSamples:
     lens: Lens
     time: Any = None
     motion: Any = None
+    bandwidth: Any = None
 
     @classmethod
     def of_buffer(cls, machine: Machine, samples: SampleBuffer) -> DeviceSamples:
         """Copy samples to the card."""
         moving = samples.motion is not None and bool(samples.motion.any())
-        names = [name for name in _CHANNELS if moving or name not in ("time", "motion")]
+        names = [name for name in samples.field_names() if moving or name != "motion"]
         arrays = {name: machine.on_device(getattr(samples, name), np.float32) for name in names}
         return cls(lens=samples.lens, **arrays)
 
@@ -69,6 +72,7 @@ class DeviceSamples:
         lens: Lens,
         time: Any = None,
         motion: Any = None,
+        bandwidth: Any = None,
         check: bool = True,
         machine: Machine | None = None,
     ) -> DeviceSamples:
@@ -76,7 +80,7 @@ class DeviceSamples:
 
         Parameters
         ----------
-        xy, uv, depth, color, lens, time, motion
+        xy, uv, depth, color, lens, time, motion, bandwidth
             As for `SampleBuffer`; of CuPy, PyTorch, Mitsuba's CUDA variants or whatever else has
             ``__cuda_array_interface__`` or ``__dlpack__``, or of the host.
         check : bool
@@ -93,8 +97,8 @@ class DeviceSamples:
         given = {"xy": xy, "uv": uv, "depth": depth, "color": color}
         if motion is not None and time is None:
             raise SampleError("motion needs the samples' times: give time as well", field="motion")
-        if motion is not None:
-            given |= {"time": time, "motion": motion}
+        optional = {"time": time, "motion": motion, "bandwidth": bandwidth}
+        given |= {name: array for name, array in optional.items() if array is not None}
         arrays = {name: machine.on_device(array, np.float32) for name, array in given.items()}
         _check_shapes(arrays)
         if check:
@@ -110,14 +114,25 @@ class DeviceSamples:
     def with_lens(self, lens: Lens) -> DeviceSamples:
         """Return the samples as they would be, had they been traced through another lens.
 
-        As `SampleBuffer.with_lens`: each ray keeps its lens position and the surface point that it hit.
+        As `SampleBuffer.with_lens`: each ray keeps its lens position and the surface point that it hit, and
+        its radiance the part of the lens over which it holds.
         """
         if (lens.c0, lens.c1) == (self.lens.c0, self.lens.c1):
             return replace(self, lens=lens)
         # As `Lens.slope`, which takes arrays of the host alone.
         now, then = (each.c0 / self.depth + each.c1 for each in (lens, self.lens))
         shear = now - then
-        return replace(self, lens=lens, xy=self.xy + shear[..., None] * self.uv)
+        xy = self.xy + shear[..., None] * self.uv
+        return replace(self, lens=lens, xy=xy, bandwidth=self._bandwidth_through(lens))
+
+    def _bandwidth_through(self, lens: Lens) -> Any:
+        """Return `bandwidth` in the units of another lens, as `SampleBuffer` does."""
+        if self.bandwidth is None or self.lens.c0 in (0, lens.c0):
+            return self.bandwidth
+        ratio = np.float32(abs(lens.c0 / self.lens.c0))
+        if ratio == 0:
+            return self.bandwidth * np.float32(np.inf)
+        return (self.bandwidth / ratio).clip(np.finfo(np.float32).tiny)
 
     @property
     def height(self) -> int:
@@ -161,13 +176,16 @@ def _check_shapes(arrays: dict[str, Any]) -> None:
 def _check_values(machine: Machine, arrays: dict[str, Any]) -> None:
     """Count what is impossible in all arrays at once, and wait once."""
     xp = machine.xp
-    good = {name: xp.isfinite(array) for name, array in arrays.items()}
+    good = {name: xp.isfinite(array) for name, array in arrays.items() if name != "bandwidth"}
     good["depth"] &= arrays["depth"] > 0
     good["uv"] &= xp.abs(arrays["uv"]) <= 1 + _LENS_TOLERANCE
     if "time" in arrays:
         good["time"] &= (arrays["time"] >= 0) & (arrays["time"] <= 1)
+    if "bandwidth" in arrays:
+        good["bandwidth"] = arrays["bandwidth"] > 0
     bad = machine.on_host(xp.stack([(~each).sum() for each in good.values()]))
-    wanted = {"depth": "positive and finite", "uv": "in [-1, 1]", "time": "in [0, 1]"}
+    wanted = {"depth": "positive and finite", "bandwidth": "positive"}
+    wanted |= {"uv": "in [-1, 1]", "time": "in [0, 1]"}
     for name, count in zip(good, bad.tolist(), strict=True):
         if count:
             raise SampleError(

@@ -24,6 +24,9 @@ PROGRAMS = (
     "multiplane_render",
     "shadows",
     "temporal",
+    "temporal_dispersion",
+    "temporal_mean",
+    "temporal_refine",
 )
 """Files of kernels, by name, one for each method's stage."""
 

@@ -16,21 +16,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from fewrays.aperture_options import ApertureOptions
 from fewrays.cuda.device import require_machine
+from fewrays.cuda.machine import Machine
 from fewrays.cuda.samples import DeviceSamples
 from fewrays.errors import SampleError, require_option
+from fewrays.lighting import Lighting
 from fewrays.method import Method, Reconstruction
 from fewrays.parallel import Execution
 from fewrays.pinhole import needs_order, with_order
 from fewrays.pixel_filter import PixelFilter, PixelFilterShape
 from fewrays.samples import SampleBuffer
-from fewrays.temporal import cuda, kernel, reference
+from fewrays.temporal import cuda, cuda_refine, kernel, reference
+from fewrays.temporal.cuda_dispersion import dispersion_on_card
+from fewrays.temporal.cuda_mean import sample_mean_on_card
+from fewrays.temporal.dispersion import dispersion
 from fewrays.temporal.locations import make_locations
 from fewrays.temporal.plan import Plan, SurfaceRule
 from fewrays.temporal.refine import correct, sample_mean, smooth_bands
@@ -96,6 +101,20 @@ class TemporalOptions(ApertureOptions):
 
 def make_plan(samples: SampleBuffer, options: TemporalOptions) -> Plan:
     """Lay out locations and measure what makes a surface."""
+    return _plan_of(samples, options, dispersion(samples), samples.lighting)
+
+
+def make_plan_on_card(
+    machine: Machine, samples: DeviceSamples, options: TemporalOptions, *, timed: bool
+) -> Plan:
+    """Do the same for samples in a card's memory, and wait for it; `timed` tells whether anything moves."""
+    return _plan_of(samples, options, dispersion_on_card(machine, samples, timed=timed), None)
+
+
+def _plan_of(
+    samples: SampleBuffer | DeviceSamples, options: TemporalOptions, hole: float, lighting: Lighting | None
+) -> Plan:
+    """Lay out locations, where the largest holes between samples have a radius of `hole` pixels."""
     return Plan(
         height=samples.height,
         width=samples.width,
@@ -106,13 +125,13 @@ def make_plan(samples: SampleBuffer, options: TemporalOptions) -> Plan:
             options.filter_of_pixels(),
             options.open_shutter(),
         ),
-        rule=SurfaceRule.for_samples(
-            samples,
+        rule=SurfaceRule.for_holes(
+            hole,
             options.locations,
             radius_scale=options.radius_scale,
             tent_scale=options.tent_scale,
         ),
-        lighting=samples.lighting if _reads_lights(options) else None,
+        lighting=lighting if _reads_lights(options) else None,
     )
 
 
@@ -123,20 +142,15 @@ def _reads_lights(options: TemporalOptions) -> bool:
 _ENGINES: dict[str, Callable[[SampleBuffer, Plan, npt.NDArray[np.float32], Execution], object]] = {
     "cpu": kernel.reconstruct_tiles,
     "reference": reference.reconstruct_tiles,
-    "cuda": cuda.reconstruct_tiles,
 }
 
 
 def _run(
     samples: SampleBuffer | DeviceSamples, options: TemporalOptions, execution: Execution
 ) -> Reconstruction:
-    if isinstance(samples, DeviceSamples):
-        # What comes before and after the views is the host's.
-        samples = samples.to_buffer(require_machine())
-    if execution.device == "cuda" and samples.lighting is not None and _reads_lights(options):
-        raise SampleError(
-            "'locations' is for the processor; 'samples' works with a GPU as well", field="light_at"
-        )
+    if execution.device == "cuda":
+        return _run_on_card(samples, options, execution)
+    assert isinstance(samples, SampleBuffer)
     plan = make_plan(samples, options)
     bands = np.zeros((samples.height, samples.width, len(plan.band_starts), 4), np.float32)
     ordered = with_order(samples) if needs_order(samples) else samples
@@ -147,6 +161,52 @@ def _run(
         mean = sample_mean(samples, aperture, options.filter_of_pixels(), shutter)
         image = correct(image, mean, options.correction)
     return Reconstruction(image)
+
+
+def _run_on_card(
+    samples: SampleBuffer | DeviceSamples, options: TemporalOptions, execution: Execution
+) -> Reconstruction:
+    if isinstance(samples, SampleBuffer) and samples.lighting is not None and _reads_lights(options):
+        raise SampleError(
+            "'locations' is for the processor; 'samples' works with a GPU as well", field="light_at"
+        )
+    machine = require_machine()
+    # Motions of 0 are not copied to the card; their times count for the pattern nevertheless, as on the host.
+    timed = samples.time is not None and samples.motion is not None
+    on_card = DeviceSamples.of_buffer(machine, samples) if isinstance(samples, SampleBuffer) else samples
+    return Reconstruction(
+        execution.deliver(machine, reconstruct_on_card(machine, on_card, options, timed=timed))
+    )
+
+
+def reconstruct_on_card(
+    machine: Machine, samples: DeviceSamples, options: TemporalOptions, *, timed: bool
+) -> Any:
+    """Make an image of samples in a card's memory, which it does not leave; the host waits once, for R.
+
+    Parameters
+    ----------
+    machine : Machine
+    samples : DeviceSamples
+    options : TemporalOptions
+    timed : bool
+        Whether times spread samples as lens points do: see `dispersion_on_card`.
+
+    Returns
+    -------
+    array of float32, (H, W, 3)
+        Linear radiance, on the card.
+    """
+    plan = make_plan_on_card(machine, samples, options, timed=timed)
+    ordered = with_order(samples) if needs_order(samples) else samples
+    bands = cuda.reconstruct_bands(machine, ordered, plan)
+    smoothing = options.smoothing * plan.rule.along_lens
+    image = cuda_refine.smooth_bands(machine, bands, plan.band_starts, smoothing)
+    if not options.correction:
+        return image
+    aperture, shutter = options.aperture_of(samples.lens), options.open_shutter()
+    mean = sample_mean_on_card(machine, samples, aperture, options.filter_of_pixels(), shutter)
+    return cuda_refine.correct(machine, image, mean, options.correction)
 
 
 METHOD = Method(

@@ -10,17 +10,13 @@ import math
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from fewrays.cuda.device import require_machine
 from fewrays.cuda.kernel import Kernel
 from fewrays.cuda.machine import Machine, blocks_for
 from fewrays.cuda.samples import SAMPLE_FIELDS, DeviceSamples
-from fewrays.parallel import Execution
-from fewrays.samples import SampleBuffer
 from fewrays.temporal.plan import WIDEST, Plan
 
-__all__ = ["KERNELS", "reconstruct_bands", "reconstruct_tiles"]
+__all__ = ["KERNELS", "reconstruct_bands"]
 
 _MOST_CELLS = 2**26
 _MOST_BANDS = 8
@@ -77,42 +73,13 @@ KERNELS = (_PROJECT, _FILL, _ARRANGE, _RESOLVE)
 """All kernels of the method."""
 
 
-def reconstruct_tiles(
-    samples: SampleBuffer, plan: Plan, bands: npt.NDArray[np.float32], execution: Execution
-) -> None:
-    """Add up what all pixels see, as `fewrays.temporal.kernel.reconstruct_tiles` does.
-
-    Parameters
-    ----------
-    samples : SampleBuffer
-    plan : Plan
-        Its tiles are of no account here.
-    bands : ndarray of float32, (H, W, bands, 4)
-        Sums of radiance and of weights are added to it, by how blurred what is seen is.
-    execution : Execution
-        Not used: a GPU takes no threads and shows no progress.
-
-    Raises
-    ------
-    SampleError
-        Without a GPU.
-    """
-    del execution
-    machine = require_machine()
-    on_card = DeviceSamples.of_buffer(machine, samples)
-    bandwidth = None if samples.bandwidth is None else machine.on_device(samples.bandwidth, np.float32)
-    bands += machine.on_host(reconstruct_bands(machine, on_card, bandwidth, plan))
-
-
-def reconstruct_bands(machine: Machine, samples: DeviceSamples, bandwidth: Any, plan: Plan) -> Any:
-    """Add up what all pixels see on the card, without waiting for it.
+def reconstruct_bands(machine: Machine, samples: DeviceSamples, plan: Plan) -> Any:
+    """Add up what all pixels see, by how blurred that is, without waiting for it.
 
     Parameters
     ----------
     machine : Machine
     samples : DeviceSamples
-    bandwidth : array of float32, (H, W, S), or None
-        As `SampleBuffer.bandwidth`, on the card.
     plan : Plan
 
     Returns
@@ -155,7 +122,7 @@ def reconstruct_bands(machine: Machine, samples: DeviceSamples, bandwidth: Any, 
             starts=starts,
             color=samples.color,
             uv=samples.uv,
-            bandwidth=bandwidth,
+            bandwidth=samples.bandwidth,
             bands=bands,
             radius=plan.rule.radius,
             along_lens=plan.rule.along_lens,

@@ -17,15 +17,33 @@ import numpy.typing as npt
 
 from fewrays.samples import SampleBuffer
 
-__all__ = ["dispersion", "published_radius"]
+__all__ = [
+    "BORDER",
+    "PLACES",
+    "REACH",
+    "SIDE",
+    "believable",
+    "dispersion",
+    "middle_of",
+    "published_radius",
+    "random_planes",
+]
 
 Float64 = npt.NDArray[np.float64]
 
-_SIDE = 12  # pixels of the square whose holes are measured
-_BORDER = 2  # pixels around it, whose samples may be the nearest
-_REACH = 8.0  # largest slope and speed of the planes, in pixels
+SIDE = 12
+"""Pixels along each side of the square whose holes are measured."""
+
+BORDER = 2
+"""Pixels around it, whose samples may be the nearest."""
+
+REACH = 8.0
+"""Largest slope and speed of the planes, in pixels."""
+
+PLACES = 8
+"""Places in a pixel along each axis where holes are measured."""
+
 _PLANES = 16
-_STEP = 1 / 8  # between the places where holes are measured, in pixels
 _LIMITS = (0.1, 4.0)  # of what counts as a pattern's dispersion, times the published radius
 _CACHED = 64
 
@@ -35,6 +53,38 @@ _known: dict[bytes, float] = {}
 def published_radius(spp: int) -> float:
     """Return the paper's rule of thumb in pixels, ``2 / √spp`` (section 3.3)."""
     return 2 / math.sqrt(spp)
+
+
+def middle_of(height: int, width: int) -> tuple[int, int, int] | None:
+    """Return where the pattern of an image's samples is looked at.
+
+    Returns
+    -------
+    (int, int, int) or None
+        First row and column, and side in pixels, of a square that reprojection fills the middle of; None if
+        the image is too small.
+    """
+    half = SIDE // 2 + BORDER + math.ceil(REACH)
+    row, column = height // 2, width // 2
+    return None if min(row, column) < half else (row - half, column - half, 2 * half)
+
+
+def random_planes(*, timed: bool) -> Float64:
+    """Return the planes' slopes and, if there are times, speeds along x and y: ``(planes, 3)`` in pixels."""
+    rng = np.random.default_rng(0)
+    planes = np.zeros((_PLANES, 3))
+    for plane in planes:
+        plane[0] = rng.uniform(-REACH, REACH)
+        if timed:
+            plane[1:] = rng.uniform(-REACH, REACH, 2) / math.sqrt(2)
+    return planes
+
+
+def believable(radius: float, spp: int) -> float:
+    """Return a measured radius in pixels, or the published one if the measured one is that of no pattern."""
+    published = published_radius(spp)
+    low, high = (limit * published for limit in _LIMITS)
+    return radius if low <= radius <= high else published
 
 
 def dispersion(samples: SampleBuffer, lens_points: npt.NDArray[np.float32] | None = None) -> float:
@@ -56,14 +106,12 @@ def dispersion(samples: SampleBuffer, lens_points: npt.NDArray[np.float32] | Non
     float
         Radius in pixels.
     """
-    published = published_radius(samples.spp)
-    half = _SIDE // 2 + _BORDER + math.ceil(_REACH)
-    middle_row, middle_column = samples.height // 2, samples.width // 2
-    if min(middle_row, middle_column) < half:
-        return published
-    window = np.s_[middle_row - half : middle_row + half, middle_column - half : middle_column + half]
-    corner = (middle_column - half, middle_row - half)
-    xy = (samples.xy[window] - np.array(corner, np.float32)).reshape(-1, 2)
+    middle = middle_of(samples.height, samples.width)
+    if middle is None:
+        return published_radius(samples.spp)
+    row, column, side = middle
+    window = np.s_[row : row + side, column : column + side]
+    xy = (samples.xy[window] - np.array((column, row), np.float32)).reshape(-1, 2)
     if lens_points is None:
         lens_points = samples.uv if samples.lens.c0 else np.zeros_like(samples.uv)
     uv = lens_points[window].reshape(-1, 2)
@@ -73,9 +121,7 @@ def dispersion(samples: SampleBuffer, lens_points: npt.NDArray[np.float32] | Non
         while len(_known) >= _CACHED:
             _known.pop(next(iter(_known)), None)
         _known[key] = _measure(xy, uv, time)
-    radius = _known[key]
-    low, high = (limit * published for limit in _LIMITS)
-    return radius if low <= radius <= high else published
+    return believable(_known[key], samples.spp)
 
 
 def _digest(*arrays: npt.NDArray[np.float32] | None) -> bytes:
@@ -89,29 +135,28 @@ def _measure(
     xy: npt.NDArray[np.float32], uv: npt.NDArray[np.float32], time: npt.NDArray[np.float32] | None
 ) -> float:
     """Mean over planes of the largest hole in the middle of a window of samples."""
-    rng = np.random.default_rng(0)
     largest = []
-    for _ in range(_PLANES):
-        seen = xy - rng.uniform(-_REACH, _REACH) * uv.astype(np.float64)
+    for slope, *speed in random_planes(timed=time is not None):
+        seen = xy - slope * uv.astype(np.float64)
         if time is not None:
-            seen = seen - rng.uniform(-_REACH, _REACH, 2) / math.sqrt(2) * (time - 0.5)
-        largest.append(_largest_hole(seen - math.ceil(_REACH)))
+            seen = seen - np.array(speed) * (time - 0.5)
+        largest.append(_largest_hole(seen - math.ceil(REACH)))
     return float(np.mean(largest))
 
 
 def _largest_hole(points: Float64) -> float:
     """Largest distance to the nearest point, of places in a square with a border of pixels around it."""
-    side = _SIDE + 2 * _BORDER
+    side = SIDE + 2 * BORDER
     table = _sort_into_pixels(points, side)
-    fine = (np.arange(round(1 / _STEP)) + 0.5) * _STEP
+    fine = (np.arange(PLACES) + 0.5) / PLACES
     within = np.stack(np.meshgrid(fine, fine), axis=-1).reshape(-1, 2)
-    corners = np.stack(np.meshgrid(np.arange(_SIDE), np.arange(_SIDE)), axis=-1) + _BORDER
+    corners = np.stack(np.meshgrid(np.arange(SIDE), np.arange(SIDE)), axis=-1) + BORDER
     places = corners[:, :, None] + within  # (side, side, places in a pixel, 2)
     nearest2 = np.full(places.shape[:-1], np.inf)
-    around = range(2 * _BORDER + 1)
+    around = range(2 * BORDER + 1)
     for down in around:
         for right in around:
-            pixels = table[down : down + _SIDE, right : right + _SIDE]
+            pixels = table[down : down + SIDE, right : right + SIDE]
             for k in range(table.shape[2]):
                 np.minimum(nearest2, np.square(places - pixels[:, :, None, k]).sum(axis=-1), out=nearest2)
     return float(np.sqrt(nearest2.max()))

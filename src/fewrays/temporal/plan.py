@@ -82,9 +82,16 @@ class SurfaceRule:
     def for_samples(
         cls, samples: SampleBuffer, locations: int, *, radius_scale: float, tent_scale: float
     ) -> SurfaceRule:
-        """Measure R from the samples' pattern; δ is ``1 / √locations`` (Eq. 5), on a lens 2 wide."""
+        """Measure R from the samples' pattern."""
+        return cls.for_holes(dispersion(samples), locations, radius_scale=radius_scale, tent_scale=tent_scale)
+
+    @classmethod
+    def for_holes(
+        cls, largest: float, locations: int, *, radius_scale: float, tent_scale: float
+    ) -> SurfaceRule:
+        """Take R from a radius of holes in pixels; δ is ``1 / √locations`` (Eq. 5), on a lens 2 wide."""
         along_lens = 1 / math.sqrt(locations)
-        radius = radius_scale * dispersion(samples)
+        radius = radius_scale * largest
         return cls(
             radius=radius,
             along_lens=along_lens,

@@ -25,18 +25,50 @@ from fewrays.pixel_filter import PixelFilter
 from fewrays.samples import SampleBuffer
 from fewrays.temporal.shutter import Shutter
 
-__all__ = ["SampleMean", "correct", "sample_mean", "smooth_bands"]
+__all__ = [
+    "BEARABLE",
+    "LEAST_LEFT",
+    "LEAST_NOISE",
+    "NEAR",
+    "NOISE",
+    "OWN_SHARE",
+    "POOL",
+    "SampleMean",
+    "correct",
+    "gaussian_blur",
+    "gaussian_taps",
+    "sample_mean",
+    "smooth_bands",
+    "smoothing_of_bands",
+]
 
 Float32 = npt.NDArray[np.float32]
 
-_TAPS = 3.0  # standard deviations that a Gaussian reaches
+
+POOL = 2.0
+"""Width of what is judged together, in widths of the correction."""
+
+LEAST_NOISE = 1.0
+"""In units of the image's median: pixels of less noise weigh no more."""
+
+BEARABLE = 0.15
+"""Noise in shares of the radiance that is as bad as what it may correct."""
+
+NOISE = 0.5
+"""Share of its expected noise by which a difference is reduced."""
+
+LEAST_LEFT = 0.5
+"""Share of a radiance that a correction leaves."""
+
+NEAR = 1.0
+"""Standard deviation in pixels of the neighbourhood that tells the noise of single samples."""
+
+OWN_SHARE = 1 - 2 / (2 * math.pi * NEAR**2) + 1 / (4 * math.pi * NEAR**2)
+"""Variance of a pixel's difference from that neighbourhood, in units of its own: that holds some of it."""
+
 _MOST_SMOOTHING = 0.1  # widths of smoothing in radii of the circle of confusion
-_POOL = 2.0  # width of what is judged together, in widths of the correction
-_LEAST_NOISE = 1.0  # in units of the image's median: pixels of less weigh no more
-_BEARABLE = 0.15  # noise in shares of the radiance that is as bad as what it may correct
-_NOISE = 0.5  # share of its expected noise by which a difference is reduced
-_LEAST_LEFT = 0.5  # share of a radiance that a correction leaves
-_NEAR = 1.0  # pixels: standard deviation of the neighbourhood that tells the noise of single samples
+_LEAST_SMOOTHING = 0.1  # pixels: less changes nothing
+_TAPS = 3.0  # standard deviations that a Gaussian reaches
 _CHUNK = 2**19  # samples that are averaged at a time
 
 
@@ -59,6 +91,12 @@ class SampleMean:
     known: Float32
 
 
+def smoothing_of_bands(starts: tuple[float, ...], along_lens: float) -> list[float]:
+    """Return the standard deviations in pixels by which bands are smoothed; 0 for those that are not."""
+    widths = (min(along_lens, _MOST_SMOOTHING) * start for start in starts)
+    return [0.0 if width < _LEAST_SMOOTHING else width for width in widths]
+
+
 def smooth_bands(bands: Float32, starts: tuple[float, ...], along_lens: float) -> Image:
     """Join bands of blur to an image, each smoothed by what it can bear.
 
@@ -78,12 +116,11 @@ def smooth_bands(bands: Float32, starts: tuple[float, ...], along_lens: float) -
     """
     radiance = np.zeros((*bands.shape[:2], 3), np.float32)
     weight = np.zeros((*bands.shape[:2], 1), np.float32)
-    for band, start in enumerate(starts):
+    for band, sigma in enumerate(smoothing_of_bands(starts, along_lens)):
         sums = bands[:, :, band]
         own = sums[..., 3:]
         weight += own
-        sigma = min(along_lens, _MOST_SMOOTHING) * start
-        if sigma < 0.1 or not own.any():
+        if not sigma or not own.any():
             radiance += sums[..., :3]
             continue
         smooth = gaussian_blur(sums, sigma)
@@ -120,14 +157,14 @@ def correct(image: Image, samples: SampleMean, sigma: float) -> Image:
     variance = samples.variance[..., None]
     noise = gaussian_blur(np.square(trust) * variance, sigma, squared=True) * np.square(reciprocal)
     energies = [np.square(each).sum(axis=-1, keepdims=True) for each in (difference, image)]
-    pooled = gaussian_blur(np.concatenate([*energies, noise], axis=-1), _POOL * sigma)
+    pooled = gaussian_blur(np.concatenate([*energies, noise], axis=-1), POOL * sigma)
     square, light, expected = np.split(pooled, 3, axis=-1)
-    share = 1 - _NOISE * np.divide(expected, square, out=np.ones_like(square), where=square > 0)
-    bearable = _BEARABLE**2 * light
+    share = 1 - NOISE * np.divide(expected, square, out=np.ones_like(square), where=square > 0)
+    bearable = BEARABLE**2 * light
     share *= np.divide(bearable, bearable + expected, out=np.zeros_like(light), where=bearable > 0)
     corrected = image + np.maximum(share, 0) * difference
     # What spills over from a bright neighbour must not blacken what is dark.
-    least = np.where(image > 0, _LEAST_LEFT * image, image)
+    least = np.where(image > 0, LEAST_LEFT * image, image)
     result: Image = np.maximum(corrected, least).astype(np.float32)
     return result
 
@@ -140,7 +177,7 @@ def _trust(samples: SampleMean, sigma: float) -> Float32:
     """
     known = samples.known[..., None]
     noise = _pooled_variance(samples, sigma)
-    least = _LEAST_NOISE * float(np.median(noise[known > 0])) if known.any() else 0.0
+    least = LEAST_NOISE * float(np.median(noise[known > 0])) if known.any() else 0.0
     weight: Float32 = np.divide(known, noise + least, out=known.copy(), where=noise + least > 0)
     return weight / max(float(weight.max()), 1e-30)
 
@@ -247,10 +284,8 @@ def _variance_among_neighbours(mean: Float32, known: npt.NDArray[np.bool_]) -> F
             gaussian_blur(there * values, sigma), around, out=np.zeros_like(values), where=around > 0
         )
 
-    square = np.square(mean - average(mean, _NEAR)).sum(axis=-1, keepdims=True)
-    # The average over neighbours has the pixel's own noise in it, and some of theirs.
-    own, all_of_them = 1 / (2 * math.pi * _NEAR**2), 1 / (4 * math.pi * _NEAR**2)
-    return average(square / np.float32(1 - 2 * own + all_of_them), 2 * _NEAR)[..., 0]
+    square = np.square(mean - average(mean, NEAR)).sum(axis=-1, keepdims=True)
+    return average(square / np.float32(OWN_SHARE), 2 * NEAR)[..., 0]
 
 
 def gaussian_blur(image: Float32, sigma: float, *, squared: bool = False) -> Float32:
@@ -264,14 +299,11 @@ def gaussian_blur(image: Float32, sigma: float, *, squared: bool = False) -> Flo
     squared : bool
         Use the squares of the taps, as for the variance of a blurred image of independent pixels.
     """
-    reach = math.ceil(_TAPS * sigma)
-    taps = np.exp(-0.5 * np.square(np.arange(-reach, reach + 1) / sigma))
-    taps /= taps.sum()
-    if squared:
-        taps = np.square(taps)
+    taps = gaussian_taps(sigma, squared=squared)
+    reach = len(taps) // 2
     for axis in (0, 1):
         blurred = np.zeros_like(image)
-        for offset, tap in zip(range(-reach, reach + 1), taps.astype(np.float32), strict=True):
+        for offset, tap in zip(range(-reach, reach + 1), taps, strict=True):
             length = image.shape[axis] - abs(offset)
             if length <= 0:
                 continue
@@ -282,3 +314,11 @@ def gaussian_blur(image: Float32, sigma: float, *, squared: bool = False) -> Flo
             blurred[tuple(target)] += tap * image[tuple(source)]
         image = blurred
     return image
+
+
+def gaussian_taps(sigma: float, *, squared: bool = False) -> Float32:
+    """Return the taps of that blur along one axis, an odd number of them."""
+    reach = math.ceil(_TAPS * sigma)
+    taps = np.exp(-0.5 * np.square(np.arange(-reach, reach + 1) / sigma))
+    taps /= taps.sum()
+    return (np.square(taps) if squared else taps).astype(np.float32)

@@ -64,16 +64,27 @@ class Shutter:
             return np.zeros(np.shape(times))
         within = (np.asarray(times, np.float64) - self.opens) / length
         inside = (within >= 0) & (within <= 1)
-        if self.response == "gaussian":
-            normal = NormalDist(0.5, 1 / (2 * _SIGMAS))
-            scale = 2 * _SIGMAS / np.sqrt(2 * np.pi) / (normal.cdf(1) - normal.cdf(0))
-            light = scale * np.exp(-0.5 * np.square((within - 0.5) * 2 * _SIGMAS))
-        else:
-            ramp = _RAMPS[self.response]
-            edge = np.minimum(within, 1 - within)
-            light = (np.minimum(edge / ramp, 1.0) if ramp else np.ones_like(edge)) / (1 - ramp)
+        peak, ramp, bell = self.light
+        light = np.full_like(within, peak)
+        if bell:
+            light *= np.exp(-bell * np.square(within - 0.5))
+        elif ramp:
+            light *= np.minimum(np.minimum(within, 1 - within) / ramp, 1.0)
         density: Float64 = np.where(inside, light / length, 0.0)
         return density
+
+    @property
+    def light(self) -> tuple[float, float, float]:
+        """What the response is over the time that the shutter is open, as if that were 1.
+
+        The light per time where it is widest open; the share of the time that opening takes, and closing, 0
+        for none; and ``1 / (2 σ²)`` of a Gaussian, 0 for other responses.
+        """
+        if self.response == "gaussian":
+            normal = NormalDist(0.5, 1 / (2 * _SIGMAS))
+            return normal.pdf(0.5) / (normal.cdf(1) - normal.cdf(0)), 0.0, 0.5 * (2 * _SIGMAS) ** 2
+        ramp = _RAMPS[self.response]
+        return 1 / (1 - ramp), ramp, 0.0
 
     def _within(self, share: Float64) -> Float64:
         """Invert the distribution of light over the time that the shutter is open, [0, 1]."""
