@@ -205,7 +205,6 @@ class TestMaps:
                 # A way along an edge may round into the neighbouring cell.
                 assert agrees.mean() > 0.998
                 assert resembles.mean() > 0.998
-                np.testing.assert_allclose(block, expected, rtol=0.1, atol=0.1)
 
     def test_keep_the_same_blocks(self) -> None:
         planes, maps = self.planes("still", 12.0, cells=1)
