@@ -30,7 +30,7 @@ void light_of_row(const EstimateMaps& maps, std::size_t first, int count, float*
     const float* FEWRAYS_RESTRICT blue = green + size;
     for (int j = 0; j < count; ++j) {
         const float sum = red[j] + green[j] + blue[j];
-        light[j] = opacity[j] * std::sqrt(sum > 0.0f ? sum : 0.0f);
+        light[j] = opacity[j] * std::copysign(std::sqrt(std::fabs(sum)), sum);
     }
 }
 

@@ -202,8 +202,8 @@ class TestMaps:
                 agrees = np.isclose(block[own], expected[own], rtol=2e-3, atol=2e-4)
                 # The rest repeats the neighbours, which may lie in another region.
                 resembles = np.isclose(block, expected, rtol=0.02, atol=0.002)
-                # A way along an edge may round into the neighbouring cell.
-                assert agrees.mean() > 0.998
+                # A way along an edge may round into the neighbouring cell, or begin beside another region.
+                assert agrees.mean() > 0.995
                 assert resembles.mean() > 0.998
 
     def test_keep_the_same_blocks(self) -> None:

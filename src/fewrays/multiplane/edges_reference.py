@@ -65,7 +65,8 @@ def _ways(coarse: Float64, rays: Float64, along: float) -> tuple[Float64, Float6
     infinite without an edge, and whether steps go from row to row instead of from column to column.
     """
     opacity = coarse[..., 0]
-    light = opacity * np.sqrt(np.maximum(coarse[..., 1:].sum(axis=2), 0))
+    color = coarse[..., 1:].sum(axis=2)
+    light = opacity * np.sign(color) * np.sqrt(np.abs(color))
     contrast = 1 / (_blurred(light**2) + _DARKEST)
     (opacity_x, opacity_y), (light_x, light_y) = _gradient(opacity), _gradient(light)
     xx, xy, yy = (
