@@ -43,7 +43,7 @@ struct BuildPlan {
     const Run* runs;
     const float* reach;  // of each plane
     float prior;         // samples that a neighbourhood's estimate counts as
-    const float* along;  // of each plane, how far along edges samples are gathered, in distances between them
+    const float* along;  // of each plane, samples that cells look for along edges, to each side
 };
 
 // A part of a plane that is worked on at once: rows of blocks [first_row, last_row).

@@ -38,7 +38,7 @@ struct CellRange {
 
 struct EstimateRule {
     float prior;  // rays that a neighbourhood's estimate counts as
-    float along;  // how far along edges rays are gathered, in distances between rays; 0 for none
+    float along;  // rays that cells look for along edges, to each side; 0 for none
 };
 
 // Estimates opacity and radiance of the finest maps from their sums. Rays are gathered along edges in `range`, which

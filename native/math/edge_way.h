@@ -21,8 +21,8 @@ struct EdgeWay {
 constexpr float unseen_edge = 1e-3f;     // squares of gradients that count as no edge
 constexpr float farthest_along = 12.0f;  // cells
 
-// `at(m)` gives moment m. The way ends `along` distances between rays to each side of the place where all gradients
-// point in one direction, and earlier where they do not.
+// `at(m)` gives moment m. Where all gradients point in one direction, the way is so long that its cells should have
+// `along` rays to each side; it is shorter where they do not.
 template <typename Moments>
 FEWRAYS_INLINE EdgeWay edge_way(const Moments& at, float along) {
     constexpr float darkest = 1e-20f;
@@ -33,7 +33,8 @@ FEWRAYS_INLINE EdgeWay edge_way(const Moments& at, float along) {
     const float xy = at(opacity_xy) + contrast * at(light_xy);
     const float difference = xx - yy;
     const float oriented = std::sqrt(difference * difference + 4.0f * xy * xy);
-    const float reach = std::fmin(along / std::sqrt(count), farthest_along) * oriented / (xx + yy + unseen_edge);
+    const float clear = oriented / (xx + yy + unseen_edge);
+    const float reach = std::fmin(along / count, farthest_along) * clear * clear;
     if (!(reach >= 1.0f)) return {0.0f, 0.0f, 0, false};
     const float slope = -2.0f * xy / (std::fabs(difference) + oriented);
     const float fade = (1.0f + slope * slope) / (reach * reach);

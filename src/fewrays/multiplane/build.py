@@ -34,7 +34,7 @@ __all__ = [
     "extents",
     "lay_out",
     "radiance_scale",
-    "reach_along_edges",
+    "rays_along_edges",
 ]
 
 _MOST_BLUR = 2.0  # widths or heights of the image
@@ -65,9 +65,9 @@ class BuildOptions:
     """Megabytes (2^20 bytes) for planes; beyond, those with most blur have one cell per pixel."""
     prior: float = 0.2
     """Rays that the estimate of a cell's neighbourhood counts as."""
-    along_edges: float = 3.4
-    """How far along edges cells in focus look for more rays, in distances between rays; 0 for none. Planes
-    out of focus look less far, in proportion to their blur."""
+    along_edges: float = 2.3
+    """Rays that cells in focus look for along edges, to each side; 0 for none. Out of focus fewer, in
+    inverse proportion to the blur."""
     motion_cell: float = 1.5
     """Motion that one plane stands for, in pixels over the shutter interval along each axis."""
 
@@ -78,7 +78,7 @@ class BuildOptions:
         require_option("fine_to", self.fine_to, self.fine_to >= 0, "of at least 0 px")
         require_option("memory", self.memory, self.memory >= 0, "of at least 0 MB")
         require_option("prior", self.prior, 0.01 <= self.prior <= 100, "from 0.01 to 100")
-        require_option("along_edges", self.along_edges, 0 <= self.along_edges <= 20, "from 0 to 20 distances")
+        require_option("along_edges", self.along_edges, 0 <= self.along_edges <= 100, "from 0 to 100 rays")
         require_option("motion_cell", self.motion_cell, 0.25 <= self.motion_cell <= 64, "from 0.25 to 64 px")
 
     def slab_rule(self, samples: SampleBuffer | DeviceSamples) -> SlabRule:
@@ -106,7 +106,7 @@ def build_maps(samples: SampleBuffer, options: BuildOptions, execution: Executio
         chunk=4096,
     )
     parts = _parts(grid, marks)
-    along = reach_along_edges(shear, grid, options)
+    along = rays_along_edges(shear, grid, options)
 
     def work(first: int, last: int) -> None:
         _native.multiplane_build(
@@ -189,11 +189,11 @@ def _cells_out_of_focus(assignment: Assignment, samples: SampleBuffer | DeviceSa
     return 2 if assignment.kept >= _DENSE * samples.height * samples.width else 1
 
 
-def reach_along_edges(shear: Shear, grid: Grid, options: BuildOptions) -> npt.NDArray[np.float32]:
-    """Return how far along edges each plane's cells look for rays, (K,), in distances between rays.
+def rays_along_edges(shear: Shear, grid: Grid, options: BuildOptions) -> npt.NDArray[np.float32]:
+    """Return how many rays the cells of each plane look for along edges, to each side, (K,).
 
-    Out of focus the mean over the lens does the same, and planes may be sharper: what is crisp and blurred by
-    few lens points shows these. Beyond `_LEAST_ALONG` of the reach in focus it gains nothing.
+    Out of focus the mean over the lens does the same. There crisp edges show the lens points instead, and
+    below `_LEAST_ALONG` of the rays that are looked for in focus it gains nothing.
     """
     share = options.fine_to / np.maximum(np.abs(shear.slope), max(options.fine_to, 1e-6))
     along = np.where((share >= _LEAST_ALONG) & (grid.cells > 1), options.along_edges * share, 0.0)

@@ -33,13 +33,14 @@ def gather_along_edges(sums: Float64, coarse: Float64, along: float) -> Float64:
     coarse : ndarray, (R / 2, C / 2, 4)
         Opacity and radiance of cells twice as wide.
     along : float
-        How far to look, in distances between rays.
+        Rays to look for, to each side.
 
     Returns
     -------
     ndarray, (R, C, 5)
         Cells on a straight edge also count the k-th cell to each side along it, with the weight
-        ``(1 - (d / reach)^2)^2`` at the distance d. Where gradients differ in direction, the reach is less.
+        ``(1 - (d / reach)^2)^2`` at the distance d. They should have `along` rays to each side, and fewer
+        where gradients differ in direction.
     """
     rows, columns = sums.shape[:2]
     rays = sums[..., 4].reshape(rows // 2, 2, columns // 2, 2).mean(axis=(1, 3))
@@ -79,8 +80,8 @@ def _ways(coarse: Float64, rays: Float64, along: float) -> tuple[Float64, Float6
     )
     oriented = np.hypot(xx - yy, 2 * xy)
     count = _blurred(rays)
-    distance = np.divide(1, np.sqrt(count), out=np.zeros_like(count), where=count > 0)
-    reach = np.minimum(along * distance, _FARTHEST) * oriented / (xx + yy + _UNSEEN_EDGE)
+    cells = np.divide(along, count, out=np.zeros_like(count), where=count > 0)
+    reach = np.minimum(cells, _FARTHEST) * (oriented / (xx + yy + _UNSEEN_EDGE)) ** 2
     size = np.abs(xx - yy) + oriented
     slope = np.divide(-2 * xy, size, out=np.zeros_like(size), where=size > 0)
     fade = np.divide(1 + slope**2, reach**2, out=np.full_like(reach, np.inf), where=reach >= 1)

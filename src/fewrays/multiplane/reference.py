@@ -35,7 +35,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fewrays.lens import Lens
-from fewrays.multiplane.build import BuildOptions, lay_out, reach_along_edges
+from fewrays.multiplane.build import BuildOptions, lay_out, rays_along_edges
 from fewrays.multiplane.copies import gaussians, halved_planes
 from fewrays.multiplane.edges_reference import gather_along_edges
 from fewrays.multiplane.maps import BLOCK, Shear
@@ -169,7 +169,7 @@ def build(samples: SampleBuffer, options: BuildOptions, execution: Execution) ->
     layout = lay_out(assignment, samples, options)
     shear, grid = layout.shear, layout.grid
     rays = _Rays.of_samples(samples, rule.most_blur)
-    along = reach_along_edges(shear, grid, options)
+    along = rays_along_edges(shear, grid, options)
     planes = []
     with progress_bar(len(shear.slope), "multiplane: build", show=execution.progress, unit="plane") as bar:
         for k, (slope, motion) in enumerate(zip(shear.slope, shear.motion, strict=True)):
@@ -305,7 +305,7 @@ def _estimate(hits: Float64, passes: Float64, prior: float, along: float) -> Flo
         Number of rays that passed each cell.
     prior : float
     along : float
-        How far along edges rays are gathered, in distances between rays; 0 for none.
+        Rays that cells look for along edges, to each side; 0 for none.
 
     Returns
     -------
