@@ -12,15 +12,14 @@
 namespace fewrays {
 namespace {
 
-constexpr int lanes = 8;       // of a cell's sums: hits, all rays, radiance, and room for wide instructions
-constexpr int blur_reach = 3;  // of moments, in wide cells
+constexpr int lanes = 8;  // of a cell's sums: hits, all rays, radiance, and room for wide instructions
 constexpr int walk_reach = static_cast<int>(farthest_along);
 
 std::size_t place(int row, int column, int columns) {
     return static_cast<std::size_t>(row) * static_cast<std::size_t>(columns) + static_cast<std::size_t>(column);
 }
 
-// What is seen of a row of cells: the square root of its radiance, so that it counts about as an eye sees it.
+// What is seen of a row of cells.
 FEWRAYS_CLONES
 void light_of_row(const EstimateMaps& maps, std::size_t first, int count, float* FEWRAYS_RESTRICT light) {
     const std::size_t size = maps.cell_count();
@@ -28,25 +27,21 @@ void light_of_row(const EstimateMaps& maps, std::size_t first, int count, float*
     const float* FEWRAYS_RESTRICT red = maps.color.data() + first;
     const float* FEWRAYS_RESTRICT green = red + size;
     const float* FEWRAYS_RESTRICT blue = green + size;
-    for (int j = 0; j < count; ++j) {
-        const float sum = red[j] + green[j] + blue[j];
-        light[j] = opacity[j] * std::copysign(std::sqrt(std::fabs(sum)), sum);
-    }
+    for (int j = 0; j < count; ++j) light[j] = light_seen(opacity[j], red[j], green[j], blue[j]);
 }
 
-// Products of a map's gradient in a row of cells; rows are `stride` apart. Sobel's operator.
+// Products of a map's gradient in a row of cells; rows are `stride` apart.
 FEWRAYS_CLONES
 void gradient_of_row(const float* FEWRAYS_RESTRICT map, std::ptrdiff_t stride, int count, float* FEWRAYS_RESTRICT xx,
                      float* FEWRAYS_RESTRICT xy, float* FEWRAYS_RESTRICT yy) {
     const float* FEWRAYS_RESTRICT above = map - stride;
     const float* FEWRAYS_RESTRICT below = map + stride;
     for (int j = 0; j < count; ++j) {
-        const float fall = below[j + 1] - above[j - 1], rise = above[j + 1] - below[j - 1];
-        const float x = 0.125f * (fall + rise + 2.0f * (map[j + 1] - map[j - 1]));
-        const float y = 0.125f * (fall - rise + 2.0f * (below[j] - above[j]));
-        xx[j] = x * x;
-        xy[j] = x * y;
-        yy[j] = y * y;
+        const Gradient slope = gradient_between(above[j - 1], above[j], above[j + 1], map[j - 1], map[j + 1],
+                                                below[j - 1], below[j], below[j + 1]);
+        xx[j] = slope.x * slope.x;
+        xy[j] = slope.x * slope.y;
+        yy[j] = slope.y * slope.y;
     }
 }
 
@@ -55,8 +50,8 @@ FEWRAYS_CLONES
 void blur_row(const float* FEWRAYS_RESTRICT map, std::ptrdiff_t stride, int count, float* FEWRAYS_RESTRICT out) {
     for (int j = 0; j < count; ++j) {
         const float* at = map + j;
-        out[j] = 0.015625f * (at[-3 * stride] + at[3 * stride]) + 0.09375f * (at[-2 * stride] + at[2 * stride]) +
-                 0.234375f * (at[-stride] + at[stride]) + 0.3125f * at[0];
+        out[j] = binomial_mean(at[0], at[-stride] + at[stride], at[-2 * stride] + at[2 * stride],
+                               at[-3 * stride] + at[3 * stride]);
     }
 }
 
@@ -94,17 +89,17 @@ public:
           columns_(range.right - range.left),
           size_(place(range.bottom - range.top, 0, columns_)),
           moments_(edge_moments * size_) {
-        const CellRange around{range.top - blur_reach, range.bottom + blur_reach, range.left - blur_reach,
-                               range.right + blur_reach};
+        const CellRange around{range.top - moment_reach, range.bottom + moment_reach, range.left - moment_reach,
+                               range.right + moment_reach};
         const int rows = around.bottom - around.top, columns = around.right - around.left;
         const std::vector<float> sharp = moments_of_cells(coarse, around);
         std::vector<float> across(place(rows, 0, columns_));
         for (std::size_t m = 0; m < edge_moments; ++m) {
             for (int i = 0; i < rows; ++i)
-                blur_row(sharp.data() + m * place(rows, 0, columns) + place(i, blur_reach, columns), 1, columns_,
+                blur_row(sharp.data() + m * place(rows, 0, columns) + place(i, moment_reach, columns), 1, columns_,
                          across.data() + place(i, 0, columns_));
             for (int i = 0; i < range.bottom - range.top; ++i)
-                blur_row(across.data() + place(i + blur_reach, 0, columns_), columns_, columns_,
+                blur_row(across.data() + place(i + moment_reach, 0, columns_), columns_, columns_,
                          moments_.data() + m * size_ + place(i, 0, columns_));
         }
     }

@@ -3,6 +3,7 @@
 // 1. multiplane_evidence adds up, in every plane, the rays that hit or pass its cells.
 // 2. multiplane_sums adds up cells to ever wider ones, tile by tile.
 // 3. multiplane_estimate makes opacity and radiance of them, from wide neighbourhoods to single cells.
+//    multiplane_estimate_edges does so for planes whose single cells gather rays along edges.
 //
 // Sums are whole numbers: they are the same in whatever order threads add to them.
 #include <algorithm>
@@ -17,6 +18,7 @@
 #include "device_samples.h"
 #include "halves.h"
 #include "plane_blocks.h"
+#include "plane_edges.h"
 #include "plane_tiles.h"
 
 namespace fewrays {
@@ -114,6 +116,12 @@ struct Sums {
         total += other.total;
         for (int c = 0; c < 3; ++c) radiance[c] += other.radiance[c];
     }
+
+    FEWRAYS_INLINE void add(float weight, const Sums& other) {
+        hits += weight * other.hits;
+        total += weight * other.total;
+        for (int c = 0; c < 3; ++c) radiance[c] += weight * other.radiance[c];
+    }
 };
 
 FEWRAYS_INLINE Sums sums_of_cell(const DepthPlane& plane, const std::int32_t* slots, const Evidence& evidence, int row,
@@ -136,13 +144,14 @@ FEWRAYS_INLINE constexpr int first_of(int level) {
 }
 constexpr int tile_sums = first_of(levels + 1);
 
-// What the last two steps know of planes [evidence.first_plane, evidence.end_plane) and their tiles.
+// What the last two steps know of some of the planes [evidence.first_plane, evidence.end_plane) and their tiles.
 struct EstimateArguments {
     const DepthPlane* planes;
     const std::int32_t* slots;
     const std::int32_t* first_tile;  // (count)
     const std::int32_t* tile_of;     // of every place for a tile: its number among those kept; -1 where it is not
     const std::int32_t* tiles;       // places of the tiles kept
+    const float* along;              // (count): rays that cells look for along edges, to each side
     Sums* sums;                      // (tiles of these planes, tile_sums)
     HalfTexel* texels;               // blocks, which are 0 at first
     Evidence evidence;
@@ -191,23 +200,43 @@ struct Estimate {
     }
 };
 
-// Estimates of a tile's levels 1 to 5, each with one cell around it, and the numbers of the tiles around.
-struct EstimateShared {
-    std::int32_t tiles[9];
-    Estimate level_1[18 * 18], level_2[10 * 10], level_3[6 * 6], level_4[4 * 4], level_5[3 * 3];
+// Cells around a tile that a level is estimated for, given those of level 1 around it. Each draws on the next wider
+// ones.
+FEWRAYS_INLINE constexpr int ring_of(int level, int ring) {
+    for (int finer = 1; finer < level; ++finer) ring = ring / 2 + 1;
+    return ring;
+}
+FEWRAYS_INLINE constexpr int stride_of(int level, int ring) { return side_of(level) + 2 * ring_of(level, ring); }
+FEWRAYS_INLINE constexpr int first_estimate_of(int level, int ring) {
+    int first = 0;
+    for (int finer = 1; finer < level; ++finer) first += stride_of(finer, ring) * stride_of(finer, ring);
+    return first;
+}
 
-    FEWRAYS_INLINE Estimate* level(int number) {
-        return number == 1 ? level_1 : number == 2 ? level_2 : number == 3 ? level_3 : number == 4 ? level_4 : level_5;
+// Estimates of a tile's levels 1 to 5, the first with `ring` cells around it, and the numbers of the tiles around.
+template <int ring>
+struct Pyramid {
+    static constexpr int tiles_around = ring_of(levels, ring), tiles_across = 2 * tiles_around + 1;
+    std::int32_t tiles[tiles_across * tiles_across];
+    Estimate estimates[first_estimate_of(levels + 1, ring)];
+
+    FEWRAYS_INLINE std::int32_t tile(int down, int along) const {
+        return tiles[(down + tiles_around) * tiles_across + along + tiles_around];
+    }
+    FEWRAYS_INLINE const Estimate& at(int level, int row, int column) const {
+        const int around = ring_of(level, ring), stride = stride_of(level, ring);
+        return estimates[first_estimate_of(level, ring) + (row + around) * stride + column + around];
     }
 };
 
 // A level, interpolated linearly, at a cell of the next finer one.
-FEWRAYS_INLINE Estimate interpolated(const Estimate* coarse, int side, int row, int column) {
+template <int ring>
+FEWRAYS_INLINE Estimate interpolated(const Pyramid<ring>& pyramid, int level, int row, int column) {
     const int own_row = row >> 1, own_column = column >> 1;
     Estimate result{};
     for (int k = 0; k < 4; ++k) {
         const int i = own_row + (k / 2) * (row & 1 ? 1 : -1), j = own_column + (k % 2) * (column & 1 ? 1 : -1);
-        result.add((k / 2 ? 0.25f : 0.75f) * (k % 2 ? 0.25f : 0.75f), coarse[(i + 1) * (side + 2) + j + 1]);
+        result.add((k / 2 ? 0.25f : 0.75f) * (k % 2 ? 0.25f : 0.75f), pyramid.at(level, i, j));
     }
     return result;
 }
@@ -231,24 +260,23 @@ FEWRAYS_INLINE Estimate widest(const Sums& sums) {
     return result;
 }
 
-// Sums of a cell of a level, which may lie in a tile beside.
-FEWRAYS_INLINE Sums level_sums(const EstimateArguments& a, const EstimateShared& shared, int level, int row,
+// Sums of a cell of a level, which may lie in a tile around.
+template <int ring>
+FEWRAYS_INLINE Sums level_sums(const EstimateArguments& a, const Pyramid<ring>& pyramid, int level, int row,
                                int column) {
-    const int side = side_of(level);
-    const int down = row < 0 ? 0 : row < side ? 1 : 2, along = column < 0 ? 0 : column < side ? 1 : 2;
-    const std::int32_t tile = shared.tiles[3 * down + along];
+    const int side = side_of(level), down = row >> (levels - level), along = column >> (levels - level);
+    const std::int32_t tile = pyramid.tile(down, along);
     if (tile < 0) return {};
-    const int i = row - (down - 1) * side, j = column - (along - 1) * side;
+    const int i = row - down * side, j = column - along * side;
     return a.sums[static_cast<std::int64_t>(tile - a.first_kept) * tile_sums + first_of(level) + i * side + j];
 }
 
-// Writes a cell to its block, and to those that repeat it beyond their last rows and columns.
+// Writes a cell to its block, which there is, and to those that repeat it beyond their last rows and columns.
 FEWRAYS_INLINE void put_cell(const EstimateArguments& a, const DepthPlane& plane, int row, int column,
                              const Estimate& estimate) {
     const int cells = plane.cells, height = block_rows * cells, width = block_columns * cells;
     const int block_row = row / height, block_column = column / width;
     const std::int32_t* const slots = a.slots + plane.first_slot;
-    if (slots[block_row * plane.columns + block_column] < 0) return;
     HalfTexel texel;
     texel.channels[0] = to_half(estimate.opacity);
     for (int c = 0; c < 3; ++c) texel.channels[1 + c] = to_half(estimate.opacity * estimate.color[c]);
@@ -262,44 +290,105 @@ FEWRAYS_INLINE void put_cell(const EstimateArguments& a, const DepthPlane& plane
         }
 }
 
-// A block of threads has one tile.
-inline void run_multiplane_estimate(const EstimateArguments& a, const Block& block, EstimateShared& shared) {
-    const std::int32_t own = a.tiles[a.first_kept + block.x()];
-    const TilePlace tile = tile_place(a.planes, a.first_tile, a.count, own);
+FEWRAYS_INLINE TilePlace own_tile(const EstimateArguments& a, const Block& block) {
+    return tile_place(a.planes, a.first_tile, a.count, a.tiles[a.first_kept + block.x()]);
+}
+
+// Estimates levels 5 to 1 of a block's tile.
+template <int ring>
+FEWRAYS_INLINE void estimate_levels(const EstimateArguments& a, const Block& block, const TilePlace& tile,
+                                    Pyramid<ring>& pyramid) {
+    constexpr int around = Pyramid<ring>::tiles_around, across = Pyramid<ring>::tiles_across;
     block.each([&](int thread) {
-        if (thread >= 9) return;
+        if (thread >= across * across) return;
         const DepthPlane plane = a.planes[tile.plane];
-        const int row = tile.row + thread / 3 - 1, column = tile.column + thread % 3 - 1;
+        const int row = tile.row + thread / across - around, column = tile.column + thread % across - around;
         const bool inside = row >= 0 && row < tile_rows_of(plane) && column >= 0 && column < tile_columns_of(plane);
-        shared.tiles[thread] =
-            inside ? a.tile_of[own + (row - tile.row) * tile_columns_of(plane) + column - tile.column] : -1;
+        const std::int32_t first = a.first_tile[tile.plane];
+        pyramid.tiles[thread] = inside ? a.tile_of[first + row * tile_columns_of(plane) + column] : -1;
     });
-    block.each([&](int thread) {
-        if (thread < 9) shared.level_5[thread] = widest(level_sums(a, shared, levels, thread / 3 - 1, thread % 3 - 1));
-    });
-    for (int level = levels - 1; level > 0; --level)
+    FEWRAYS_UNROLL
+    for (int level = levels; level > 0; --level)
         block.each([&](int thread) {
-            const int side = side_of(level), stride = side + 2;
+            const int stride = stride_of(level, ring), before = ring_of(level, ring);
+            Estimate* const own = pyramid.estimates + first_estimate_of(level, ring);
             for (int i = thread; i < stride * stride; i += estimate_threads) {
-                const int row = i / stride - 1, column = i % stride - 1;
-                const Estimate around = interpolated(shared.level(level + 1), side_of(level + 1), row, column);
-                shared.level(level)[i] = refined(level_sums(a, shared, level, row, column), around, a.evidence.prior);
+                const int row = i / stride - before, column = i % stride - before;
+                const Sums sums = level_sums(a, pyramid, level, row, column);
+                own[i] = level == levels
+                             ? widest(sums)
+                             : refined(sums, interpolated(pyramid, level + 1, row, column), a.evidence.prior);
             }
         });
+}
+
+// Estimates a tile's cells and writes them. Their sums are sums_at(plane, row, column, i), of the tile's i-th.
+template <int ring, typename SumsAt>
+FEWRAYS_INLINE void estimate_cells(const EstimateArguments& a, const Block& block, const TilePlace& tile,
+                                   const Pyramid<ring>& pyramid, const SumsAt& sums_at) {
     block.each([&](int thread) {
         const DepthPlane plane = a.planes[tile.plane];
         for (int i = thread; i < tile_cells * tile_cells; i += estimate_threads) {
             const int row = tile.row * tile_cells + i / tile_cells, column = tile.column * tile_cells + i % tile_cells;
-            if (row >= plane.rows * block_rows * plane.cells) continue;
-            const Sums sums = sums_of_cell(plane, a.slots, a.evidence, row, column);
-            const Estimate around = interpolated(shared.level_1, side_of(1), i / tile_cells, i % tile_cells);
-            put_cell(a, plane, row, column, refined(sums, around, a.evidence.prior));
+            if (cell_number(plane, a.slots, a.evidence, row, column) < 0) continue;
+            const Estimate around = interpolated(pyramid, 1, i / tile_cells, i % tile_cells);
+            put_cell(a, plane, row, column, refined(sums_at(plane, row, column, i), around, a.evidence.prior));
         }
     });
 }
+
+// A block of threads has one tile.
+inline void run_multiplane_estimate(const EstimateArguments& a, const Block& block, Pyramid<1>& pyramid) {
+    const TilePlace tile = own_tile(a, block);
+    estimate_levels(a, block, tile, pyramid);
+    estimate_cells(a, block, tile, pyramid, [&](const DepthPlane& plane, int row, int column, int) {
+        return sums_of_cell(plane, a.slots, a.evidence, row, column);
+    });
+}
+
+// Sums of a cell and of those along the edge that runs through it.
+FEWRAYS_INLINE Sums sums_along(const DepthPlane& plane, const std::int32_t* slots, const Evidence& evidence,
+                               const EdgeWay& way, int row, int column) {
+    Sums sums = sums_of_cell(plane, slots, evidence, row, column);
+    for (int step = 1; step <= way.steps; ++step) {
+        const int sideways = aside(way, step), down = way.steep ? step : sideways, right = way.steep ? sideways : step;
+        Sums both = sums_of_cell(plane, slots, evidence, row + down, column + right);
+        both += sums_of_cell(plane, slots, evidence, row - down, column - right);
+        sums.add(weight(way, step), both);
+    }
+    return sums;
+}
+
+struct EstimateEdgesShared {
+    Pyramid<seen_ring> pyramid;
+    EdgeShared edges;
+};
+
+// A block of threads has one tile.
+inline void run_multiplane_estimate_edges(const EstimateArguments& a, const Block& block, EstimateEdgesShared& shared) {
+    const TilePlace tile = own_tile(a, block);
+    estimate_levels(a, block, tile, shared.pyramid);
+    block.each([&](int thread) {
+        for (int i = thread; i < seen_side * seen_side; i += estimate_threads) {
+            const int row = i / seen_side - seen_ring, column = i % seen_side - seen_ring;
+            const Estimate& own = shared.pyramid.at(1, row, column);
+            shared.edges.seen[i] = {own.opacity, light_seen(own.opacity, own.color[0], own.color[1], own.color[2]),
+                                    0.25f * level_sums(a, shared.pyramid, 1, row, column).total};
+        }
+    });
+    find_ways(block, a.along[tile.plane], shared.edges);
+    estimate_cells(a, block, tile, shared.pyramid, [&](const DepthPlane& plane, int row, int column, int i) {
+        const EdgeWay& way = shared.edges.ways[i / tile_cells / 2 * wide_cells + i % tile_cells / 2];
+        return sums_along(plane, a.slots, a.evidence, way, row, column);
+    });
+}
+
+static_assert(estimate_threads == wide_cells * wide_cells && wide_cells == side_of(1));
 
 }  // namespace fewrays
 
 FEWRAYS_KERNEL(multiplane_evidence, fewrays::sample_threads, fewrays::EvidenceArguments, fewrays::NothingShared)
 FEWRAYS_KERNEL(multiplane_sums, fewrays::estimate_threads, fewrays::EstimateArguments, fewrays::SumsShared)
-FEWRAYS_KERNEL(multiplane_estimate, fewrays::estimate_threads, fewrays::EstimateArguments, fewrays::EstimateShared)
+FEWRAYS_KERNEL(multiplane_estimate, fewrays::estimate_threads, fewrays::EstimateArguments, fewrays::Pyramid<1>)
+FEWRAYS_KERNEL(multiplane_estimate_edges, fewrays::estimate_threads, fewrays::EstimateArguments,
+               fewrays::EstimateEdgesShared)

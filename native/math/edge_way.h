@@ -11,6 +11,29 @@ namespace fewrays {
 // root of the radiance seen, its own square, and rays.
 enum EdgeMoment { opacity_xx, opacity_xy, opacity_yy, light_xx, light_xy, light_yy, light_square, rays, edge_moments };
 
+struct Gradient {
+    float x, y;
+};
+
+// Of a map at one of its cells, by those around it: Sobel's operator.
+FEWRAYS_INLINE Gradient gradient_between(float above_left, float above, float above_right, float left, float right,
+                                         float below_left, float below, float below_right) {
+    const float fall = below_right - above_left, rise = above_right - below_left;
+    return {0.125f * (fall + rise + 2.0f * (right - left)), 0.125f * (fall - rise + 2.0f * (below - above))};
+}
+
+// A mean with binomial weights: of a cell, and of the sums of those one, two and three cells to both sides.
+constexpr int moment_reach = 3;  // cells
+FEWRAYS_INLINE float binomial_mean(float own, float one, float two, float three) {
+    return 0.015625f * three + 0.09375f * two + 0.234375f * one + 0.3125f * own;
+}
+
+// What is seen of a cell: the square root of its radiance, so that it counts about as an eye sees it.
+FEWRAYS_INLINE float light_seen(float opacity, float red, float green, float blue) {
+    const float sum = red + green + blue;
+    return opacity * std::copysign(std::sqrt(std::fabs(sum)), sum);
+}
+
 // A way through cells, one for each step: `slope` cells to the side. The k-th counts (1 - k k fade)^2.
 struct EdgeWay {
     float slope, fade;

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,13 @@ import numpy.typing as npt
 from fewrays.cuda.kernel import Kernel
 from fewrays.cuda.machine import Machine, blocks_for
 from fewrays.cuda.samples import SAMPLE_FIELDS, DeviceSamples
-from fewrays.multiplane.build import BuildOptions, beyond_memory, extents, radiance_scale
+from fewrays.multiplane.build import (
+    BuildOptions,
+    beyond_memory,
+    extents,
+    radiance_scale,
+    rays_along_edges,
+)
 from fewrays.multiplane.cuda.assign import Marked, assign, mark, outline
 from fewrays.multiplane.cuda.planes import CHANNELS, MAP_CELLS, DevicePlanes, plane_records
 from fewrays.multiplane.maps import BLOCK, Maps
@@ -42,6 +49,7 @@ _ESTIMATE_FIELDS = {
     "first_tile": "*i4",
     "tile_of": "*i4",
     "tiles": "*i4",
+    "along": "*f4",
     "sums": "*f4",
     "texels": "*u2",
     **_EVIDENCE_FIELDS,
@@ -63,7 +71,8 @@ _GATHER = Kernel(
 )
 _SUMS = Kernel("multiplane_build", "multiplane_sums", 256, _ESTIMATE_FIELDS)
 _ESTIMATE = Kernel("multiplane_build", "multiplane_estimate", 256, _ESTIMATE_FIELDS)
-KERNELS = (_GATHER, _SUMS, _ESTIMATE)
+_ESTIMATE_EDGES = Kernel("multiplane_build", "multiplane_estimate_edges", 256, _ESTIMATE_FIELDS)
+KERNELS = (_GATHER, _SUMS, _ESTIMATE, _ESTIMATE_EDGES)
 """All kernels of the step."""
 
 
@@ -92,7 +101,7 @@ def build_planes(machine: Machine, samples: DeviceSamples, options: BuildOptions
     # The host waits now, so that it need not for every image.
     known = replace(empty, slots=machine.on_host(marked.slots))
     texels = machine.xp.zeros((int(marked.first_map[-1]), MAP_CELLS, CHANNELS), np.uint16)
-    _estimate(machine, samples, known, marked, options.prior, texels)
+    _estimate(machine, samples, known, marked, options, texels)
     return DevicePlanes(known, marked.slots, texels, marked.first_map)
 
 
@@ -101,18 +110,19 @@ def _estimate(
     samples: DeviceSamples,
     planes: Maps,
     marked: Marked,
-    prior: float,
+    options: BuildOptions,
     texels: Any,
 ) -> None:
     """Make opacity and radiance of cells, some planes at a time."""
     xp = machine.xp
     records = machine.on_device(plane_records(planes), np.int32)
+    along = rays_along_edges(planes.shear, planes.grid, options)
+    along_on_card = machine.on_device(along, np.float32)
     # Any cell can hold 16 times as many rays as there are in a pixel, and those of 4096 pixels at 1 spp.
     pass_unit = 2.0 ** min(_MOST_UNITS, 28 - math.ceil(math.log2(samples.spp)))
     for first, end in _groups(marked.first_map):
-        first_map, first_kept = int(marked.first_map[first]), int(marked.first_kept[first])
+        first_map = int(marked.first_map[first])
         cells = (int(marked.first_map[end]) - first_map) * _CELLS
-        tiles = int(marked.first_kept[end]) - first_kept
         evidence = {
             "passes": xp.zeros(cells, np.uint32),
             "hits": xp.zeros((cells, 4), np.uint64),
@@ -120,7 +130,7 @@ def _estimate(
             "end_plane": end,
             "first_map": first_map,
             "pass_unit": pass_unit,
-            "prior": prior,
+            "prior": options.prior,
         }
         machine.launch(
             _GATHER,
@@ -132,20 +142,25 @@ def _estimate(
             **samples.arguments(),
             **evidence,
         )
-        work = {
-            "planes": records,
-            "slots": marked.slots,
-            "first_tile": marked.first_tile,
-            "tile_of": marked.tile_of,
-            "tiles": marked.tiles,
-            "sums": xp.empty((tiles, _TILE_SUMS, 5), np.float32),
-            "texels": texels,
-            "count": planes.plane_count,
-            "first_kept": first_kept,
-            **evidence,
-        }
-        machine.launch(_SUMS, (tiles, 1, 1), **work)
-        machine.launch(_ESTIMATE, (tiles, 1, 1), **work)
+        for first_alike, end_alike in _alike(along[first:end] > 0):
+            first_kept = int(marked.first_kept[first + first_alike])
+            tiles = int(marked.first_kept[first + end_alike]) - first_kept
+            work = {
+                "planes": records,
+                "slots": marked.slots,
+                "first_tile": marked.first_tile,
+                "tile_of": marked.tile_of,
+                "tiles": marked.tiles,
+                "along": along_on_card,
+                "sums": xp.empty((tiles, _TILE_SUMS, 5), np.float32),
+                "texels": texels,
+                "count": planes.plane_count,
+                "first_kept": first_kept,
+                **evidence,
+            }
+            machine.launch(_SUMS, (tiles, 1, 1), **work)
+            estimate = _ESTIMATE_EDGES if along[first + first_alike] > 0 else _ESTIMATE
+            machine.launch(estimate, (tiles, 1, 1), **work)
 
 
 def _groups(first_map: Int64) -> list[tuple[int, int]]:
@@ -158,3 +173,8 @@ def _groups(first_map: Int64) -> list[tuple[int, int]]:
         groups.append((first, end))
         first = end
     return groups
+
+
+def _alike(values: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Runs [first, end) of equal values."""
+    return list(pairwise([0, *(np.flatnonzero(np.diff(values)) + 1).tolist(), len(values)]))
