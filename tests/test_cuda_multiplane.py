@@ -245,14 +245,11 @@ def assert_same_planes(actual: Maps, expected: Maps, turned: float = 0.0) -> Non
 def edges(kind: str) -> SampleBuffer:
     """Make samples of a disc and a half plane in focus, more than one of the CPU's regions wide."""
     lens = Lens(-100.0, 20.0)
-    shapes = [
-        (0.3, constant(1.5, 0.4, 0.1), disc((40, 20), 13)),
-        (0.9, smooth_noise(6), half_plane((85, 20), (2, 1))),
-    ]
+    front, back = lens.depth(0.3), lens.depth(0.9)
     velocity = (3.0, -5.0) if kind == "moving" else (0.0, 0.0)
     planes = [
-        Plane(lens.depth(slope), texture, mask, motion_of(lens.depth(slope), velocity))
-        for slope, texture, mask in shapes
+        Plane(front, constant(1.5, 0.4, 0.1), disc((40, 20), 13), motion_of(front, velocity)),
+        Plane(back, smooth_noise(6), half_plane((85, 20), (2, 1)), motion_of(back, velocity)),
     ]
     return sample([*planes, Plane(lens.depth(5.0), smooth_noise(9, seed=1))], lens, 41, 120, 4)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -14,13 +13,14 @@ from hypothesis import strategies as st
 
 from agreement import assert_agree
 from buffers import random_buffer
-from fewrays import Lens, SampleBuffer, _native
+from fewrays import Lens, SampleBuffer
 from fewrays.multiplane import MultiplaneOptions, reference
 from fewrays.multiplane.build import build_maps
 from fewrays.multiplane.maps import BLOCK, Maps
 from fewrays.multiplane.render import render_maps
 from fewrays.parallel import Execution
 from fewrays.samples import OFF_IMAGE
+from plane_layers import blocks_of
 
 LENS = Lens(-40.0, 8.0)  # focused at 5
 ONE_THREAD = Execution(threads=1)
@@ -157,26 +157,6 @@ class TestImages:
         assert_twins(*both(make(kind, height, width, spp, blur, seed), views=4), flips=0.25)
 
 
-def layer_of(maps: Maps, plane: int) -> Iterator[tuple[int, int, npt.NDArray[np.float64]]]:
-    """Yield each block of a plane: its row and column among the plane's, and what its cells hold.
-
-    Opacity and premultiplied radiance, ``(9 cells, 33 cells, 4)``: with the row and column that follow.
-    """
-    cells = int(maps.grid.cells[plane])
-    columns, rows = maps.grid.shape[plane]
-    first = maps.grid.first_slot[plane]
-    slots = maps.slots[first : first + columns * rows].reshape(rows, columns)
-    size = cells**2 * _native.UNIT_HALVES
-    for row, column in np.argwhere(slots >= 0):
-        begin = _native.HALF_PADDING + int(slots[row, column]) * _native.UNIT_HALVES
-        halves = maps.halves[begin : begin + size].view(np.float16).astype(np.float64)
-        interleaved = halves.reshape(4, cells, cells, BLOCK[0] + 1, BLOCK[1] + 1)
-        layer = interleaved.transpose(3, 1, 4, 2, 0).reshape(
-            (BLOCK[0] + 1) * cells, (BLOCK[1] + 1) * cells, 4
-        )
-        yield int(row), int(column), layer * [1.0, *3 * [maps.scale[plane]]]
-
-
 class TestMaps:
     """Plane by plane and cell by cell, where nothing averages differences away."""
 
@@ -193,7 +173,7 @@ class TestMaps:
         assert maps.plane_count == len(planes.planes)
         for k, plane in enumerate(planes.planes):
             left, top = np.rint((maps.grid.corner[k] - plane.corner) * plane.cells).astype(int)
-            for row, column, block in layer_of(maps, k):
+            for row, column, block in blocks_of(maps, k):
                 i, j = top + row * BLOCK[0] * plane.cells, left + column * BLOCK[1] * plane.cells
                 expected = plane.layer[i : i + block.shape[0], j : j + block.shape[1]]
                 assert plane.kept[i, j]
@@ -210,5 +190,5 @@ class TestMaps:
         planes, maps = self.planes("still", 12.0, cells=1)
         for k, plane in enumerate(planes.planes):
             cells = plane.kept.sum()
-            blocks = sum(1 for _ in layer_of(maps, k))
+            blocks = sum(1 for _ in blocks_of(maps, k))
             assert cells == blocks * BLOCK[0] * BLOCK[1]

@@ -176,5 +176,5 @@ def _groups(first_map: Int64) -> list[tuple[int, int]]:
 
 
 def _alike(values: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Runs [first, end) of equal values."""
+    """Cut values into runs [first, end) of equal ones."""
     return list(pairwise([0, *(np.flatnonzero(np.diff(values)) + 1).tolist(), len(values)]))
