@@ -176,6 +176,31 @@ def test_radiance_of_another_scale(factor: float) -> None:
     )
 
 
+def image_part(maps: Maps, plane: int) -> Float64:
+    """What the cells of a plane hold that lie on the image."""
+    left, top = -maps.grid.corner[plane] * maps.grid.cells[plane]
+    height, width = np.array([maps.height, maps.width]) * maps.grid.cells[plane]
+    return whole_layer(maps, plane)[top : top + height, left : left + width]
+
+
+@pytest.mark.parametrize("radiance", [1e-2, 1.0, 1e3])
+@pytest.mark.parametrize(("contrast", "seen"), [(0.01, False), (1.0, True)])
+def test_what_is_hardly_seen_shows_no_way(radiance: float, contrast: float, seen: bool) -> None:
+    """An edge counts by how its radiance compares with what is around it, however bright that is."""
+    mask = half_plane((15.3, 15.8), tuple(towards(35)))
+    brighter = 1 + contrast
+    plane = Plane(
+        LENS.depth(0.0), lambda xy: radiance * np.where(mask(xy)[..., None], np.full(3, brighter), 1.0)
+    )
+    samples = sample([plane], LENS, SIDE, SIDE, 4)
+    maps, without = (
+        Multiplane.build(samples, threads=1, **options).maps for options in ({}, {"along_edges": 0.0})
+    )
+    inside = 3 * BORDER  # cells
+    same = np.equal(image_part(maps, 0), image_part(without, 0))[inside:-inside, inside:-inside]
+    assert same.all() != seen
+
+
 MIRRORS: dict[str, Callable[[npt.NDArray[Any]], npt.NDArray[Any]]] = {
     "left and right": lambda array: array[:, ::-1],
     "above and below": lambda array: array[::-1],
@@ -194,13 +219,6 @@ def mirrored(samples: SampleBuffer, how: str) -> SampleBuffer:
         sign = np.where(np.arange(2) == axis, -1.0, 1.0)
         xy, uv = np.where(sign < 0, samples.height, 0) + sign * xy, sign * uv
     return replace(samples, xy=xy, uv=uv, depth=turn(samples.depth), color=turn(samples.color))
-
-
-def image_part(maps: Maps, plane: int) -> Float64:
-    """What the cells of a plane hold that lie on the image."""
-    left, top = -maps.grid.corner[plane] * maps.grid.cells[plane]
-    height, width = np.array([maps.height, maps.width]) * maps.grid.cells[plane]
-    return whole_layer(maps, plane)[top : top + height, left : left + width]
 
 
 @pytest.mark.parametrize("how", MIRRORS)
