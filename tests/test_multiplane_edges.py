@@ -188,10 +188,8 @@ def image_part(maps: Maps, plane: int) -> Float64:
 def test_what_is_hardly_seen_shows_no_way(radiance: float, contrast: float, seen: bool) -> None:
     """An edge counts by how its radiance compares with what is around it, however bright that is."""
     mask = half_plane((15.3, 15.8), tuple(towards(35)))
-    brighter = 1 + contrast
-    plane = Plane(
-        LENS.depth(0.0), lambda xy: radiance * np.where(mask(xy)[..., None], np.full(3, brighter), 1.0)
-    )
+    one, other = radiance * np.ones(3), radiance * (1 + contrast) * np.ones(3)
+    plane = Plane(LENS.depth(0.0), lambda xy: np.where(mask(xy)[..., None], other, one))
     samples = sample([plane], LENS, SIDE, SIDE, 4)
     maps, without = (
         Multiplane.build(samples, threads=1, **options).maps for options in ({}, {"along_edges": 0.0})
