@@ -146,7 +146,7 @@ class TestIrradiance:
         turn: float,
         shape: str,
     ) -> None:
-        """The part of a polygon that is seen past a straight edge is a polygon; a corner of it, in the example."""
+        """The part of a polygon that is seen past a straight edge is a polygon: in the example, a corner."""
         normal = np.array([tilt[0], 1.0, tilt[1]])
         normal /= np.linalg.norm(normal)
         along = np.cross(normal, [math.cos(turn), 0.0, math.sin(turn)])
