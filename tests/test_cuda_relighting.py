@@ -17,8 +17,8 @@ from fewrays.sources.analytic_shadows import render_lit, true_image
 from fewrays.temporal import TemporalOptions, reference, relighting_cuda
 from fewrays.temporal import make_plan as plan_of
 from fewrays.temporal.refine import smooth_bands
+from lamp_scenes import KINDS, PLATE, SCENES, samples_of, scene_of, with_lights
 from lit_buffers import lighting_of
-from lit_scenes import KINDS, PLATE, SCENES, samples_of, scene_of, with_lights
 from phases import ORDERS, PhasesMachine
 
 Float32 = npt.NDArray[np.float32]

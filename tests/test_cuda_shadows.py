@@ -23,7 +23,7 @@ from fewrays.temporal import shading
 from fewrays.temporal.hierarchy import Hierarchy
 from fewrays.temporal.lamps import make_lamps
 from fewrays.temporal.plan import SurfaceRule
-from lit_scenes import KINDS, PLATE, SCENES, samples_of, scene_of, textured, with_lights
+from lamp_scenes import KINDS, PLATE, SCENES, samples_of, scene_of, textured, with_lights
 from phases import ORDERS, PhasesMachine
 from shadow_scenes import level
 
