@@ -170,7 +170,7 @@ def edges() -> None:
     for slope in (-9.0, -4.0, 5.0, 14.0):
         lens = LENS.refocus(at_slope(slope))
         truth = reference(scene, lens, 128, 192, spp=TRUTH_SPP, pixel_filter="box")
-        row = [f"{slope:g}"]
+        row: list[Any] = [f"{slope:g}"]
         for spp in (4, 8, 16):
             samples = sample(scene, lens, 128, 192, spp)
             alone = reconstruct(samples, "multiplane", along_edges=0.0)
