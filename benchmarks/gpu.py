@@ -33,6 +33,7 @@ from fewrays.multiplane.cuda.render import render_planes
 from fewrays.sources.analytic_pinhole import pinhole
 from fewrays.temporal import TemporalOptions, make_plan_on_card, reconstruct_on_card
 from fewrays.temporal.cuda import reconstruct_bands
+from fewrays.temporal.relighting_cuda import Relighting
 from fewrays.temporal.shading import shading_on
 from gpu_timing import DenoiserOnGpu, TimedMachine, milliseconds
 from report import markdown_table, met, provenance, write_page
@@ -56,6 +57,7 @@ PUBLISHED = {
 }
 
 SHADING = f"shading, {LIT_SPP} spp, 2 lamps, 128 light points"
+RELIGHTING = f"temporal, {LIT_SPP} spp, 2 lamps, light at 128 locations"
 
 Size = tuple[int, int]
 Rows = dict[str, dict[Size, list[float]]]
@@ -93,7 +95,6 @@ def measure_size(
     planes = build_planes(machine, samples, build)
     image = render_planes(machine, planes, None, build)
     box = np.ascontiguousarray(fewrays.reconstruct(on_host, "box"))
-    shading = shading_on(timed, lit_ground(*size, LIT_SPP)) if size in LIT_SIZES else None
     denoiser = DenoiserOnGpu(box)
     fields = (samples.xy, samples.uv, samples.depth, samples.color)
     copies = [(machine.xp.empty_like(each), each) for each in fields]
@@ -113,7 +114,7 @@ def measure_size(
         **dynamic_runs(timed, size),
         "layered": lambda: layered.reconstruct_image(timed, samples, LayeredOptions()),
         **temporal_runs(timed, samples),
-        **({} if shading is None else {SHADING: shading.run}),
+        **(lit_runs(timed, lit_ground(*size, LIT_SPP)) if size in LIT_SIZES else {}),
         "copy of the samples on the card": copy_samples,
         "samples to the card": lambda: DeviceSamples.of_buffer(machine, on_host),
         "image to the host": lambda: machine.on_host(image),
@@ -149,6 +150,20 @@ def temporal_runs(machine: Machine, samples: DeviceSamples) -> dict[str, Callabl
     return {
         "temporal, 128 locations": lambda: reconstruct_on_card(machine, samples, options, timed=False),
         "temporal, 128 views alone": lambda: reconstruct_bands(machine, samples, plan),
+    }
+
+
+def lit_runs(machine: Machine, samples: fewrays.SampleBuffer) -> dict[str, Callable[[], object]]:
+    """Return light of lamps at samples and at locations, whose views are those of the temporal method."""
+    assert samples.lighting is not None
+    shading = shading_on(machine, samples)
+    options = TemporalOptions(locations=128, light_at="locations")
+    on_card = DeviceSamples.of_buffer(machine, samples)
+    plan = make_plan_on_card(machine, on_card, options, timed=False, lighting=samples.lighting)
+    relighting = Relighting(machine, samples, on_card, plan, samples.lighting)
+    return {
+        SHADING: shading.run,
+        RELIGHTING: lambda: reconstruct_bands(machine, on_card, plan, relighting),
     }
 
 

@@ -199,7 +199,7 @@ def plane_image(maps: Maps, k: int) -> npt.NDArray[np.float32]:
             inner, 0, -1
         )
     seen = plane[-top : -top + maps.height, -left : -left + maps.width]
-    return np.asarray(seen * np.array([1, *3 * [maps.scale]], np.float32))
+    return np.asarray(seen * np.array([1, *3 * [maps.scale[k]]], np.float32))
 
 
 def _units(maps: Maps) -> int:

@@ -26,8 +26,8 @@ CHOICES: Sequence[Mapping[str, Any]] = (
     {"light_points": 256},
     {"light_points": 512},
     {"correction": 0},
-    {"correction": 0.6},
-    {"correction": 2.4},
+    {"correction": 0.7},
+    {"correction": 1.5},
     {"radius_scale": 1.0},
     {"radius_scale": 1.3},
     {"radius_scale": 2.2},
@@ -71,7 +71,7 @@ def section(scene: LitScene, choices: Sequence[Choice]) -> Iterator[str]:
     yield (
         f"Options of `shade`, on *{scene.label}*: PSNR in dB of `{_METHOD}` made of the shaded samples, of "
         "the whole image and where there is penumbra, and CPU seconds of shading on one thread (single "
-        "calls, loaded machine). As it is: `light_points` 128, `correction` 0.7 px, `radius_scale` 1.4."
+        "calls, loaded machine). As it is: `light_points` 128, `correction` 0.5 px, `radius_scale` 1.4."
     )
     rows = [
         [each.name, str(each.score), f"{each.in_penumbra:.2f}", f"{each.seconds:.1f}"] for each in choices

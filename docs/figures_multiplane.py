@@ -163,6 +163,27 @@ def _lights() -> list[Plane]:
     return [*lights, Plane(at_slope(18), smooth_noise(24, mean=(0.05, 0.06, 0.12), contrast=0.02))]
 
 
+def edges() -> None:
+    """Draw and measure what rays along edges do for things in focus."""
+    scene = leaves()
+    rows, panels = [], []
+    for slope in (-9.0, -4.0, 5.0, 14.0):
+        lens = LENS.refocus(at_slope(slope))
+        truth = reference(scene, lens, 128, 192, spp=TRUTH_SPP, pixel_filter="box")
+        row: list[Any] = [f"{slope:g}"]
+        for spp in (4, 8, 16):
+            samples = sample(scene, lens, 128, 192, spp)
+            alone = reconstruct(samples, "multiplane", along_edges=0.0)
+            along = reconstruct(samples, "multiplane")
+            row += [quality(image, truth, 32) for image in (alone, along)]
+            if slope == -9 and spp == 4:
+                panels = _shown({"truth": truth, "cells alone, 4 spp": alone, "along edges": along}, truth)
+        rows.append(row)
+    counts = [f"{spp} spp: {way}" for spp in (4, 8, 16) for way in ("cells alone", "along edges")]
+    print_table("edges: PSNR in dB, leaves", ("focus on C =", *counts), rows)
+    write("multiplane-edges", panels)
+
+
 def larger() -> None:
     """Draw and measure what planes show through lenses that no sample has looked through."""
     scene = leaves()
@@ -222,7 +243,7 @@ def _shown(images: dict[str, Image], truth: Image) -> list[list[Panel]]:
 
 
 PARTS: dict[str, Callable[[], None]] = {
-    part.__name__: part for part in (rays, slabs, planes, compensation, apertures, larger, refocused)
+    part.__name__: part for part in (rays, slabs, edges, planes, compensation, apertures, larger, refocused)
 }
 
 

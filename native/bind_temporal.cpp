@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "bindings.h"
+#include "settle.h"
 #include "temporal.h"
 #include "tree_gatherer.h"
 
@@ -158,6 +159,29 @@ void bind_temporal(nb::module_& m) {
         },
         "field"_a, "lights"_a, "tile"_a, "share"_a, "times"_a, "first_view"_a, "first"_a, "last"_a, "radiance"_a,
         nb::call_guard<nb::gil_scoped_release>());
+    m.def(
+        "settle_rows",
+        [](Array<const float, -1, -1, -1, 2> xy, Array<const float, -1, -1, -1, 2> at_center,
+           Array<const float, -1, -1, -1> inverse_depth, Array<const float, -1, -1, -1, 2> inverse_gradient,
+           Array<const float, -1, -1, -1, 3> normal, Array<const float, -1, -1, -1> light,
+           Array<const float, -1, -1, -1> difference, float sigma, float pixel, int first, int last,
+           Array<float, -1, -1, -1> share, Array<float, -1, -1, -1> variance) {
+            const SettlePlan plan{static_cast<int>(xy.shape(0)),
+                                  static_cast<int>(xy.shape(1)),
+                                  static_cast<int>(xy.shape(2)),
+                                  xy.data(),
+                                  at_center.data(),
+                                  inverse_depth.data(),
+                                  inverse_gradient.data(),
+                                  normal.data(),
+                                  light.data(),
+                                  difference.data(),
+                                  sigma,
+                                  pixel};
+            settle_rows(plan, first, last, share.data(), variance.data());
+        },
+        "xy"_a, "at_center"_a, "inverse_depth"_a, "inverse_gradient"_a, "normal"_a, "light"_a, "difference"_a,
+        "sigma"_a, "pixel"_a, "first"_a, "last"_a, "share"_a, "variance"_a, nb::call_guard<nb::gil_scoped_release>());
     m.def(
         "temporal_tiles",
         [](const SampleTree& tree, const SurfaceRule& rule, Array<const float, -1, 6> views, int tile,

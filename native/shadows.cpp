@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "full_light.h"
+#include "math/seen_point.h"
 
 namespace fewrays {
 namespace {
@@ -28,40 +28,25 @@ void Relighting::clear() {
     for (LampReader& reader : readers_) reader.clear();
 }
 
-// How deep a camera sample's point is at a time.
-float Relighting::depth_of(std::ptrdiff_t number, float time) const {
-    const float depth = field_.depth[number];
-    return field_.motion ? depth + (time - field_.time[number]) * field_.motion[3 * number + 2] : depth;
-}
-
 // Where a camera sample's point is at a time, in camera space.
 Vector Relighting::point_of(std::ptrdiff_t number, float time) const {
-    const Path path = field_.path(static_cast<std::int32_t>(number));
-    const float w = depth_at(path, time);
-    return plan_.camera.point((path.x + time * path.dx) / w, (path.y + time * path.dy) / w, w * field_.depth[number]);
+    return point_at(plan_.camera, field_.path(static_cast<std::int32_t>(number)), field_.depth[number], time);
 }
 
-// The point that a location sees: on the tangent plane of the nearest of its samples, but neither in front of all of
-// them nor behind.
+// The point that a location sees, with the samples that it is made of.
 Vector Relighting::surface_point(const ViewReader& camera, const Location& location) {
     seen_.clear();
-    float nearest2 = std::numeric_limits<float>::infinity(), least = nearest2, most = 0;
-    std::ptrdiff_t nearest = 0;
+    SeenSurface surface;
     camera.visit_found([&](const Sights& from, std::ptrdiff_t i, float dx, float dy, float weight) {
         const std::ptrdiff_t number = from.number[i];
         seen_.push_back({number, weight});
-        const float depth = depth_of(number, location.time);
-        least = std::min(least, depth);
-        most = std::max(most, depth);
-        const float distance2 = dx * dx + dy * dy;
-        if (distance2 > nearest2 || (distance2 == nearest2 && number > nearest)) return;
-        nearest2 = distance2;
-        nearest = number;
+        const float* const motion = field_.motion ? field_.motion + 3 * number : nullptr;
+        const float after = motion ? location.time - field_.time[number] : 0.0f;
+        surface.include(number, depth_after(field_.depth[number], motion, after), dx * dx + dy * dy);
     });
-    facing_ = vector_at(plan_.facing, nearest);
+    facing_ = vector_at(plan_.facing, surface.nearest());
     const CameraRay ray = ray_of(plan_.camera, location.x, location.y, location.u, location.v, field_.c0, field_.c1);
-    const float depth = depth_on_plane(ray, point_of(nearest, location.time), facing_);
-    return ray.from + std::clamp(depth, least, most) * ray.towards;
+    return surface.point(ray, point_of(surface.nearest(), location.time), facing_);
 }
 
 void Relighting::see(const ViewReader& camera, const Location& location, int view, float weight, float* sums) {
@@ -103,24 +88,16 @@ void Relighting::add_receiver(std::size_t number, Vector point, int view, float 
     if (!seen.matters()) return;
 
     Lit lit{};
-    const float* const all_spacings = lamp.tree->field().spacing;
-    float spacing = 0, sum_of_weights = 0;
-    for (const Seen& each : seen_) {
-        const std::ptrdiff_t i = each.number;
-        if (!(all_spacings[i] > 0)) continue;
-        spacing += each.weight * all_spacings[i];
-        sum_of_weights += each.weight;
-        const float own = each.weight * std::max(dot(vector_at(plan_.normal, i), seen.to_light), 0.0f) / seen.distance;
-        for (int channel = 0; channel < 3; ++channel) lit.gain[channel] += own * lamp.reflectance[3 * i + channel];
-    }
-    const float factor = weight * seen.factor(lamp.area);
-    for (float& gain : lit.gain) gain *= factor;
-    if (lit.gain[0] == 0 && lit.gain[1] == 0 && lit.gain[2] == 0) return;
+    LampGain gain(seen);
+    for (const Seen& each : seen_)
+        gain.include(each.weight, vector_at(plan_.normal, each.number), lamp.reflectance + 3 * each.number,
+                     lamp.tree->field().spacing[each.number]);
+    if (!gain.finish(weight, lamp.area, lit.gain)) return;
     if (full) {
         for (int channel = 0; channel < 3; ++channel) sums[channel] += lit.gain[channel] * lamp.radiance[channel];
         return;
     }
-    lit.receiver = receiver_of(frame, light_point, point, facing_, seen, spacing / sum_of_weights);
+    lit.receiver = receiver_of(frame, light_point, point, facing_, seen, gain.spacing());
     lit.sums = sums;
     lit_[number].push_back(lit);
 }

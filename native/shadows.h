@@ -55,7 +55,6 @@ private:
         float weight;
     };
 
-    float depth_of(std::ptrdiff_t number, float time) const;
     Vector point_of(std::ptrdiff_t number, float time) const;
     Vector surface_point(const ViewReader& camera, const Location& location);
     void add_receiver(std::size_t lamp, Vector point, int view, float time, float weight, bool full, float* sums);

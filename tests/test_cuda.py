@@ -20,7 +20,7 @@ from fewrays.multiplane.cuda import build as multiplane_build
 from fewrays.multiplane.cuda import render as multiplane_render
 from fewrays.multiplane.cuda import smoothing as multiplane_smoothing
 from fewrays.temporal import cuda as temporal_cuda
-from fewrays.temporal import cuda_dispersion, cuda_mean, cuda_refine, shading_cuda
+from fewrays.temporal import cuda_dispersion, cuda_mean, cuda_refine, relighting_cuda, shading_cuda
 from phases import compile_phases
 
 KERNELS = (
@@ -30,6 +30,7 @@ KERNELS = (
     *multiplane_build.KERNELS,
     *multiplane_render.KERNELS,
     *multiplane_smoothing.KERNELS,
+    *relighting_cuda.KERNELS,
     *shading_cuda.KERNELS,
     *temporal_cuda.KERNELS,
     *cuda_dispersion.KERNELS,

@@ -12,12 +12,11 @@ import pytest
 
 from agreement import assert_agree
 from buffers import random_buffer
-from fewrays import Lens, SampleBuffer, SampleError, reconstruct
+from fewrays import Lens, SampleBuffer, reconstruct
 from fewrays.cuda.samples import DeviceSamples
 from fewrays.parallel import Execution
 from fewrays.samples import OFF_IMAGE
 from fewrays.temporal import TemporalOptions, cuda, make_plan, reconstruct_on_card, reference
-from lit_buffers import lit_buffer
 from phases import ORDERS, PhasesMachine
 
 Float32 = npt.NDArray[np.float32]
@@ -171,9 +170,3 @@ def test_times_of_what_stands_still_count_for_the_shutter() -> None:
             for device in ("cuda", "cpu")
         ]
         assert_agree(*images, tolerance=0.005, flips=0.03)
-
-
-@pytest.mark.usefixtures("phases")
-def test_lights_at_locations_are_for_the_processor() -> None:
-    with pytest.raises(SampleError, match=r"light_at: 'locations' is for the processor"):
-        reconstruct(lit_buffer(), "temporal", device="cuda", light_at="locations")

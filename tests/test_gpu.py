@@ -150,6 +150,19 @@ def test_shading(size: tuple[int, int], moving: bool) -> None:
 
 
 @pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("moving", [False, True])
+def test_light_at_locations(size: tuple[int, int], moving: bool) -> None:
+    cupy = pytest.importorskip("cupy")
+    samples = lit_samples(size, moving=moving)
+    options: dict[str, Any] = {"locations": 8, "light_at": "locations"}
+    image = reconstruct(samples, "temporal", device="cuda", output="device", **options)
+    assert isinstance(image, cupy.ndarray)
+    actual, expected = cupy.asnumpy(image), reconstruct(samples, "temporal", device="cpu", **options)
+    assert_like_the_cpu(actual, expected)
+    assert abs(float(actual.mean() / expected.mean()) - 1) < 1e-4
+
+
+@pytest.mark.parametrize("size", SIZES)
 def test_layered(size: tuple[int, int]) -> None:
     samples = samples_of(size)
     image = reconstruct(samples, "layered", device="cuda")

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from fewrays import AreaLight, SampleError
@@ -135,6 +135,7 @@ class TestIrradiance:
         turn=st.floats(0, 6.3),
         shape=st.sampled_from(["half-plane", "rectangle"]),
     )
+    @example(x=0, z=-0.5625, tilt=(0, 0), lamp=(0.5, 0.4375), edge=0, turn=0, shape="half-plane")
     def test_tilted_edges_before_tilted_rectangles(
         self,
         x: float,
@@ -145,7 +146,7 @@ class TestIrradiance:
         turn: float,
         shape: str,
     ) -> None:
-        """The part of a polygon that is seen past a straight edge is a polygon."""
+        """The part of a polygon that is seen past a straight edge is a polygon: in the example, a corner."""
         normal = np.array([tilt[0], 1.0, tilt[1]])
         normal /= np.linalg.norm(normal)
         along = np.cross(normal, [math.cos(turn), 0.0, math.sin(turn)])

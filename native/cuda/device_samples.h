@@ -3,6 +3,7 @@
 
 #include <cstdint>
 
+#include "../math/reprojection.h"
 #include "../simd.h"
 #include "block.h"
 
@@ -21,6 +22,11 @@ struct DeviceSamples {
 };
 
 FEWRAYS_INLINE bool is_dropped(const DeviceSamples& samples, std::int64_t i) { return samples.xy[2 * i] <= off_image; }
+
+FEWRAYS_INLINE Path path_of_sample(const DeviceSamples& s, std::int64_t i) {
+    return path_of(s.xy[2 * i], s.xy[2 * i + 1], s.uv[2 * i], s.uv[2 * i + 1], s.depth[i], s.time ? s.time[i] : 0.0f,
+                   s.motion ? s.motion + 3 * i : nullptr, s.c0, s.c1);
+}
 
 // Calls work(i) for a thread's sample, if there is one.
 template <typename Work>

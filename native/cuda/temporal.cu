@@ -13,22 +13,10 @@
 #include "block.h"
 #include "cell_sort.h"
 #include "device_samples.h"
+#include "location.h"
 #include "surfaces.h"
 
 namespace fewrays {
-
-constexpr int most_samples = 512;      // near a location that are looked at closely: of more, the nearest
-constexpr float widest = 8.0f;         // radius in R up to which samples are looked for
-constexpr float least_weight = 1e-6f;  // of a sample however far it is from its own lens point
-
-// Square cells over the image and a border around it.
-struct CellGrid {
-    float left, top, side;  // in pixels
-    std::int32_t columns, rows;
-
-    FEWRAYS_INLINE int column(float x) const { return static_cast<int>(std::floor((x - left) / side)); }
-    FEWRAYS_INLINE int row(float y) const { return static_cast<int>(std::floor((y - top) / side)); }
-};
 
 struct ProjectArguments {
     DeviceSamples samples;
@@ -42,8 +30,7 @@ inline void run_temporal_project(const ProjectArguments& a, const Block& block, 
     each_sample(block, a.samples, [&](std::int64_t i) {
         const DeviceSamples& s = a.samples;
         a.seen[i].source = -1;
-        const Path path = path_of(s.xy[2 * i], s.xy[2 * i + 1], s.uv[2 * i], s.uv[2 * i + 1], s.depth[i],
-                                  s.time ? s.time[i] : 0.0f, s.motion ? s.motion + 3 * i : nullptr, s.c0, s.c1);
+        const Path path = path_of_sample(s, i);
         if (!(depth_at(path, a.time) >= nearest_depth)) return;
         const Sight sight = sight_of(path, a.u, a.v, a.time, within_reach(s.c1));
         const float x = (sight.x - a.grid.left) / a.grid.side, y = (sight.y - a.grid.top) / a.grid.side;
@@ -86,166 +73,14 @@ inline void run_temporal_arrange(const SortArguments& a, const Block& block, Not
 }
 
 constexpr int resolve_threads = 128;
-constexpr int most_bands = 8;
 
 struct ResolveArguments {
-    const SeenSample* sorted;
-    const std::uint32_t* starts;
     const float *color, *uv, *bandwidth;  // (samples, 3), (samples, 2), (samples); the last null where all are matte
     float* bands;                         // (height, width, band_count, 4): added to
-    CellGrid grid;
-    DeviceRule rule;
-    float u, v, offset_x, offset_y, weight;  // of the view
+    float offset_x, offset_y, weight;     // of the view
     float band_starts[most_bands];
     std::int32_t band_count, height, width;
-};
-
-// Samples around a location, at positions relative to it.
-struct NearSamples {
-    std::int32_t place[most_samples];
-    int count;
-};
-
-// What one location sees.
-class Location {
-public:
-    FEWRAYS_INLINE Location(const ResolveArguments& a, float x, float y) : a_(a), x_(x), y_(y) {}
-
-    // Whether any sample is near; then `seen` is its radiance and slope.
-    FEWRAYS_INLINE bool resolve(float* seen) {
-        const float radius = a_.rule.radius;
-        if (glance(radius)) {
-            filter(0, near_.count, a_.rule.tent * radius, seen);
-            return true;
-        }
-        if (near_.count > 0) {
-            NearSurfaces surfaces = near_surfaces();
-            surfaces.sort_by_slope();
-            const int end = surfaces.end_of_group(0);
-            if (end == near_.count || surfaces.fills_quadrants(0, end) || surfaces.covers(0, end)) {
-                filter(0, end, a_.rule.tent * radius, seen);
-                return true;
-            }
-            look(2 * radius);
-            choose(a_.rule.tent * radius, seen);
-            return true;
-        }
-        for (float wide = 2 * radius; wide <= widest * radius; wide *= 2) {
-            look(wide);
-            if (near_.count == 0) continue;
-            choose(a_.rule.tent * wide, seen);
-            return true;
-        }
-        return false;
-    }
-
-private:
-    FEWRAYS_INLINE NearSurfaces near_surfaces() { return {a_.rule, a_.sorted, near_.place, near_.count, x_, y_}; }
-    FEWRAYS_INLINE const SeenSample& sample(int i) const { return a_.sorted[near_.place[i]]; }
-    FEWRAYS_INLINE float away_x(int i) const { return sample(i).x - x_; }
-    FEWRAYS_INLINE float away_y(int i) const { return sample(i).y - y_; }
-
-    // Calls visit(place) for the samples within a radius, cell by cell.
-    template <typename Visit>
-    FEWRAYS_INLINE void visit_within(float radius, Visit&& visit) const {
-        const CellGrid& grid = a_.grid;
-        const int first_row = std::max(grid.row(y_ - radius), 0);
-        const int last_row = std::min(grid.row(y_ + radius), grid.rows - 1);
-        const int first_column = std::max(grid.column(x_ - radius), 0);
-        const int last_column = std::min(grid.column(x_ + radius), grid.columns - 1);
-        if (first_column > last_column) return;
-        for (int row = first_row; row <= last_row; ++row) {
-            const std::uint32_t end = a_.starts[row * grid.columns + last_column + 1];
-            for (std::uint32_t k = a_.starts[row * grid.columns + first_column]; k < end; ++k) {
-                const float x = a_.sorted[k].x - x_, y = a_.sorted[k].y - y_;
-                if (x * x + y * y <= radius * radius) visit(static_cast<std::int32_t>(k));
-            }
-        }
-    }
-
-    // Collects the samples within a radius; of very many those within a smaller one.
-    FEWRAYS_INLINE void look(float radius) {
-        near_.count = 0;
-        visit_within(radius, [&](std::int32_t place) {
-            if (near_.count < most_samples) near_.place[near_.count] = place;
-            ++near_.count;
-        });
-        if (near_.count <= most_samples) return;
-        float most = radius, least = 0.0f;
-        for (int step = 0; step < 20; ++step) {
-            const float middle = 0.5f * (least + most);
-            int count = 0;
-            visit_within(middle, [&](std::int32_t) { ++count; });
-            (count <= most_samples ? least : most) = middle;
-        }
-        near_.count = 0;
-        visit_within(least, [&](std::int32_t place) { near_.place[near_.count++] = place; });
-    }
-
-    // Looks within R. Whether what is there is one surface for certain: slopes and speeds differ too little for any
-    // two to cross.
-    FEWRAYS_INLINE bool glance(float radius) {
-        look(radius);
-        if (near_.count == 0) return false;
-        SeenRange range;
-        for (int i = 0; i < near_.count; ++i) range.include(sample(i));
-        return range.one_surface(a_.rule);
-    }
-
-    // The first surface that covers the location, or the last. One of too few samples is joined with the next.
-    FEWRAYS_INLINE void choose(float tent, float* seen) {
-        NearSurfaces surfaces = near_surfaces();
-        surfaces.sort_by_slope();
-        int first = 0, end = surfaces.end_of_group(0);
-        while (end < near_.count) {
-            if (end - first >= least_samples) {
-                if (surfaces.covers(first, end)) break;
-                first = end;
-            }
-            end = surfaces.end_of_group(end);
-        }
-        filter(first, end, tent, seen);
-    }
-
-    // How much a sample counts from the view's lens point.
-    FEWRAYS_INLINE float gloss(std::int32_t source) const {
-        if (!a_.bandwidth) return 1.0f;
-        const float u = a_.uv[2 * source] - a_.u, v = a_.uv[2 * source + 1] - a_.v;
-        const float away = std::sqrt(u * u + v * v) / a_.bandwidth[source];
-        return std::max(std::exp(-0.5f * away * away), least_weight);
-    }
-
-    // Averages the radiance of samples [first, end) under a tent, which is doubled while there is none under it; the
-    // slope is the least.
-    FEWRAYS_INLINE void filter(int first, int end, float tent, float* seen) const {
-        int nearest = first;
-        float least = INFINITY;
-        seen[3] = INFINITY;
-        for (int i = first; i < end; ++i) {
-            const float distance = std::hypot(away_x(i), away_y(i));
-            if (distance < least) {
-                least = distance;
-                nearest = i;
-            }
-            seen[3] = std::min(seen[3], sample(i).slope);
-        }
-        const bool single = tent <= 0.0f;
-        while (!single && tent <= least) tent *= 2;
-        float total = 0.0f, sums[3] = {};
-        for (int i = first; i < end; ++i) {
-            if (single && i != nearest) continue;
-            const std::int32_t source = sample(i).source;
-            const float share = single ? 1.0f : std::max(1.0f - std::hypot(away_x(i), away_y(i)) / tent, 0.0f);
-            const float weight = share * gloss(source);
-            total += weight;
-            for (int c = 0; c < 3; ++c) sums[c] += weight * a_.color[3 * static_cast<std::int64_t>(source) + c];
-        }
-        for (int c = 0; c < 3; ++c) seen[c] = sums[c] / total;
-    }
-
-    const ResolveArguments& a_;
-    const float x_, y_;
-    NearSamples near_;
+    SortedView view;
 };
 
 // Every thread has a pixel.
@@ -255,13 +90,16 @@ inline void run_temporal_resolve(const ResolveArguments& a, const Block& block, 
         if (pixel >= static_cast<std::int64_t>(a.height) * a.width) return;
         const float x = static_cast<float>(pixel % a.width) + 0.5f + a.offset_x;
         const float y = static_cast<float>(pixel / a.width) + 0.5f + a.offset_y;
-        Location location(a, x, y);
-        float seen[4];
-        if (!location.resolve(seen)) return;
-        int band = 0;
-        while (band + 1 < a.band_count && std::fabs(seen[3]) >= a.band_starts[band + 1]) ++band;
-        float* const sums = a.bands + 4 * (a.band_count * pixel + band);
-        for (int c = 0; c < 3; ++c) sums[c] += a.weight * seen[c];
+        Location location(a.view, a.uv, a.bandwidth, x, y);
+        if (!location.resolve()) return;
+        float total = 0.0f, radiance[3] = {};
+        location.visit_found([&](std::int32_t source, float, float, float weight) {
+            total += weight;
+            for (int c = 0; c < 3; ++c) radiance[c] += weight * a.color[3 * static_cast<std::int64_t>(source) + c];
+        });
+        float* const sums =
+            a.bands + 4 * (a.band_count * pixel + band_of(location.slope(), a.band_starts, a.band_count));
+        for (int c = 0; c < 3; ++c) sums[c] += a.weight * (radiance[c] / total);
         sums[3] += a.weight;
     });
 }

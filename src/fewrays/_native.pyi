@@ -322,6 +322,35 @@ def shade_tiles(
     last: int,
     radiance: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None, 3), order="C", device="cpu")],
 ) -> None: ...
+def settle_rows(
+    xy: Annotated[
+        NDArray[numpy.float32], dict(shape=(None, None, None, 2), order="C", device="cpu", writable=False)
+    ],
+    at_center: Annotated[
+        NDArray[numpy.float32], dict(shape=(None, None, None, 2), order="C", device="cpu", writable=False)
+    ],
+    inverse_depth: Annotated[
+        NDArray[numpy.float32], dict(shape=(None, None, None), order="C", device="cpu", writable=False)
+    ],
+    inverse_gradient: Annotated[
+        NDArray[numpy.float32], dict(shape=(None, None, None, 2), order="C", device="cpu", writable=False)
+    ],
+    normal: Annotated[
+        NDArray[numpy.float32], dict(shape=(None, None, None, 3), order="C", device="cpu", writable=False)
+    ],
+    light: Annotated[
+        NDArray[numpy.float32], dict(shape=(None, None, None), order="C", device="cpu", writable=False)
+    ],
+    difference: Annotated[
+        NDArray[numpy.float32], dict(shape=(None, None, None), order="C", device="cpu", writable=False)
+    ],
+    sigma: float,
+    pixel: float,
+    first: int,
+    last: int,
+    share: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None), order="C", device="cpu")],
+    variance: Annotated[NDArray[numpy.float32], dict(shape=(None, None, None), order="C", device="cpu")],
+) -> None: ...
 def temporal_tiles(
     tree: SampleTree,
     rule: SurfaceRule,

@@ -22,6 +22,7 @@ PROGRAMS = (
     "multiplane_assign",
     "multiplane_build",
     "multiplane_render",
+    "relighting",
     "shadows",
     "temporal",
     "temporal_dispersion",

@@ -195,7 +195,8 @@ def rays_along_edges(shear: Shear, grid: Grid, options: BuildOptions) -> npt.NDA
     Out of focus the mean over the lens does the same. There crisp edges show the lens points instead, and
     below `_LEAST_ALONG` of the rays that are looked for in focus it gains nothing.
     """
-    share = options.fine_to / np.maximum(np.abs(shear.slope), max(options.fine_to, 1e-6))
+    blur = np.abs(shear.slope)
+    share = np.divide(options.fine_to, blur, out=np.ones_like(blur), where=blur > options.fine_to)
     along = np.where((share >= _LEAST_ALONG) & (grid.cells > 1), options.along_edges * share, 0.0)
     return along.astype(np.float32)
 

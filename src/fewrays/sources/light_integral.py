@@ -32,7 +32,10 @@ GRAZE = 1e-7
 _SKEW = 0.5547  # radians between the slices and the light's u-axis, where edges are not likely to lie
 _STEP = np.array([np.cos(_SKEW), np.sin(_SKEW)])  # along slices and across them, in (lu, lv)
 _ACROSS = np.array([-_STEP[1], _STEP[0]])
-_PANELS = 6  # that the light is divided into to begin with, a multiple of 3
+_PANELS = 6  # that discs are divided into to begin with
+_ENDS = np.array(
+    [0, 1 / 12, 1 / 2, 11 / 12, 1]
+)  # of panels between two corners: what is seen may be no more than one
 _CAUTION = 0.05  # share of the tolerance that one panel may change by; few do, and some have not seen all
 _CHUNK = 2**14  # slices that are worked on at once
 
@@ -285,4 +288,5 @@ def _first_panels(light: AreaLight) -> Floats:
     if light.shape == "disc":
         return np.linspace(-0.5 * np.pi, 0.5 * np.pi, _PANELS + 1)
     corners = np.sort([_ACROSS @ corner for corner in ([1, 1], [1, -1], [-1, 1], [-1, -1])])
-    return np.concatenate([corners[:1], *np.linspace(corners[:-1], corners[1:], _PANELS // 3 + 1)[1:].T])
+    between = corners[:-1, None] + np.diff(corners)[:, None] * _ENDS[1:]
+    return np.concatenate([corners[:1], between.ravel()])

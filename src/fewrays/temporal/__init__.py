@@ -25,7 +25,7 @@ from fewrays.aperture_options import ApertureOptions
 from fewrays.cuda.device import require_machine
 from fewrays.cuda.machine import Machine
 from fewrays.cuda.samples import DeviceSamples
-from fewrays.errors import SampleError, require_option
+from fewrays.errors import require_option
 from fewrays.lighting import Lighting
 from fewrays.method import Method, Reconstruction
 from fewrays.parallel import Execution
@@ -39,6 +39,7 @@ from fewrays.temporal.dispersion import dispersion
 from fewrays.temporal.locations import make_locations
 from fewrays.temporal.plan import Plan, SurfaceRule
 from fewrays.temporal.refine import correct, sample_mean, smooth_bands
+from fewrays.temporal.relighting_cuda import Relighting
 from fewrays.temporal.shutter import Shutter, ShutterResponse
 
 __all__ = ["METHOD", "TemporalOptions"]
@@ -105,10 +106,15 @@ def make_plan(samples: SampleBuffer, options: TemporalOptions) -> Plan:
 
 
 def make_plan_on_card(
-    machine: Machine, samples: DeviceSamples, options: TemporalOptions, *, timed: bool
+    machine: Machine,
+    samples: DeviceSamples,
+    options: TemporalOptions,
+    *,
+    timed: bool,
+    lighting: Lighting | None = None,
 ) -> Plan:
     """Do the same for samples in a card's memory, and wait for it; `timed` tells whether anything moves."""
-    return _plan_of(samples, options, dispersion_on_card(machine, samples, timed=timed), None)
+    return _plan_of(samples, options, dispersion_on_card(machine, samples, timed=timed), lighting)
 
 
 def _plan_of(
@@ -166,17 +172,28 @@ def _run(
 def _run_on_card(
     samples: SampleBuffer | DeviceSamples, options: TemporalOptions, execution: Execution
 ) -> Reconstruction:
-    if isinstance(samples, SampleBuffer) and samples.lighting is not None and _reads_lights(options):
-        raise SampleError(
-            "'locations' is for the processor; 'samples' works with a GPU as well", field="light_at"
-        )
     machine = require_machine()
     # Motions of 0 are not copied to the card; their times count for the pattern nevertheless, as on the host.
     timed = samples.time is not None and samples.motion is not None
-    on_card = DeviceSamples.of_buffer(machine, samples) if isinstance(samples, SampleBuffer) else samples
-    return Reconstruction(
-        execution.deliver(machine, reconstruct_on_card(machine, on_card, options, timed=timed))
-    )
+    if isinstance(samples, SampleBuffer) and samples.lighting is not None and _reads_lights(options):
+        image = _reconstruct_lit(machine, samples, samples.lighting, options, timed=timed)
+    else:
+        on_card = samples if isinstance(samples, DeviceSamples) else DeviceSamples.of_buffer(machine, samples)
+        image = reconstruct_on_card(machine, on_card, options, timed=timed)
+    return Reconstruction(execution.deliver(machine, image))
+
+
+def _reconstruct_lit(
+    machine: Machine, samples: SampleBuffer, lighting: Lighting, options: TemporalOptions, *, timed: bool
+) -> Any:
+    """Make an image of what locations see, lit where it is, on the card; there is no correction."""
+    on_card = DeviceSamples.of_buffer(machine, samples)
+    plan = make_plan_on_card(machine, on_card, options, timed=timed, lighting=lighting)
+    if needs_order(samples):
+        samples = with_order(samples)
+        on_card = DeviceSamples.of_buffer(machine, samples)
+    relighting = Relighting(machine, samples, on_card, plan, lighting)
+    return _image_of(machine, on_card, plan, options, relighting)
 
 
 def reconstruct_on_card(
@@ -199,14 +216,25 @@ def reconstruct_on_card(
     """
     plan = make_plan_on_card(machine, samples, options, timed=timed)
     ordered = with_order(samples) if needs_order(samples) else samples
-    bands = cuda.reconstruct_bands(machine, ordered, plan)
-    smoothing = options.smoothing * plan.rule.along_lens
-    image = cuda_refine.smooth_bands(machine, bands, plan.band_starts, smoothing)
+    image = _image_of(machine, ordered, plan, options)
     if not options.correction:
         return image
     aperture, shutter = options.aperture_of(samples.lens), options.open_shutter()
     mean = sample_mean_on_card(machine, samples, aperture, options.filter_of_pixels(), shutter)
     return cuda_refine.correct(machine, image, mean, options.correction)
+
+
+def _image_of(
+    machine: Machine,
+    samples: DeviceSamples,
+    plan: Plan,
+    options: TemporalOptions,
+    relighting: Relighting | None = None,
+) -> Any:
+    """Make an image that is not corrected."""
+    bands = cuda.reconstruct_bands(machine, samples, plan, relighting)
+    smoothing = options.smoothing * plan.rule.along_lens
+    return cuda_refine.smooth_bands(machine, bands, plan.band_starts, smoothing)
 
 
 METHOD = Method(

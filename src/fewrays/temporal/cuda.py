@@ -14,29 +14,29 @@ import numpy as np
 from fewrays.cuda.kernel import Kernel
 from fewrays.cuda.machine import Machine, blocks_for
 from fewrays.cuda.samples import SAMPLE_FIELDS, DeviceSamples
+from fewrays.temporal.cuda_view import GRID_FIELDS, MOST_BANDS, VIEW_FIELDS, DeviceView
 from fewrays.temporal.plan import WIDEST, Plan
+from fewrays.temporal.relighting_cuda import Relighting
 
 __all__ = ["KERNELS", "reconstruct_bands"]
 
 _MOST_CELLS = 2**26
-_MOST_BANDS = 8
 _SEEN_NUMBERS = 6  # of a sample as a view sees it
 
-_GRID = {"left": "f4", "top": "f4", "side": "f4", "columns": "i4", "rows": "i4"}
 _SORTED = {
     "seen": "*i4",
     "starts": "*u4",
     "taken": "*u4",
     "order": "*i4",
     "sorted": "*i4",
-    **_GRID,
+    **GRID_FIELDS,
     "samples": "i4",
 }
 _PROJECT = Kernel(
     "temporal",
     "temporal_project",
     256,
-    {**SAMPLE_FIELDS, "seen": "*i4", "counts": "*u4", **_GRID, "u": "f4", "v": "f4", "at": "f4"},
+    {**SAMPLE_FIELDS, "seen": "*i4", "counts": "*u4", **GRID_FIELDS, "u": "f4", "v": "f4", "at": "f4"},
 )
 _FILL = Kernel("temporal", "temporal_fill", 256, _SORTED)
 _ARRANGE = Kernel("temporal", "temporal_arrange", 256, _SORTED)
@@ -45,35 +45,27 @@ _RESOLVE = Kernel(
     "temporal_resolve",
     128,
     {
-        "sorted": "*i4",
-        "starts": "*u4",
         "color": "*f4",
         "uv": "*f4",
         "bandwidth": "*f4",
         "bands": "*f4",
-        **_GRID,
-        "radius": "f4",
-        "along_lens": "f4",
-        "along_time": "f4",
-        "tolerance": "f4",
-        "tent": "f4",
-        "overhang": "f4",
-        "u": "f4",
-        "v": "f4",
         "offset_x": "f4",
         "offset_y": "f4",
         "weight": "f4",
-        "band_starts": f"{_MOST_BANDS}f4",
+        "band_starts": f"{MOST_BANDS}f4",
         "band_count": "i4",
         "height": "i4",
         "width": "i4",
+        **VIEW_FIELDS,
     },
 )
 KERNELS = (_PROJECT, _FILL, _ARRANGE, _RESOLVE)
 """All kernels of the method."""
 
 
-def reconstruct_bands(machine: Machine, samples: DeviceSamples, plan: Plan) -> Any:
+def reconstruct_bands(
+    machine: Machine, samples: DeviceSamples, plan: Plan, relighting: Relighting | None = None
+) -> Any:
     """Add up what all pixels see, by how blurred that is, without waiting for it.
 
     Parameters
@@ -81,6 +73,8 @@ def reconstruct_bands(machine: Machine, samples: DeviceSamples, plan: Plan) -> A
     machine : Machine
     samples : DeviceSamples
     plan : Plan
+    relighting : Relighting, optional
+        Lights what is seen; without it, that has the samples' own radiance.
 
     Returns
     -------
@@ -94,11 +88,9 @@ def reconstruct_bands(machine: Machine, samples: DeviceSamples, plan: Plan) -> A
     order = xp.empty(samples.count, np.int32)
     counts, starts = xp.zeros(cells, np.uint32), xp.zeros(cells + 1, np.uint32)
     bands = xp.zeros((plan.height, plan.width, len(plan.band_starts), 4), np.float32)
-    starts_of_bands = np.full(_MOST_BANDS, np.inf)
-    starts_of_bands[: len(plan.band_starts)] = plan.band_starts
     sorting = {"seen": seen, "starts": starts, "taken": counts, "order": order, "sorted": arranged}
     sorting |= {"samples": samples.count, **grid}
-    for (u, v), time, (x, y), weight in zip(where.uv, where.t, where.offset, where.weight, strict=True):
+    for number, ((u, v), time) in enumerate(zip(where.uv, where.t, strict=True)):
         counts.fill(0)
         machine.launch(
             _PROJECT,
@@ -115,33 +107,35 @@ def reconstruct_bands(machine: Machine, samples: DeviceSamples, plan: Plan) -> A
         counts.fill(0)
         machine.launch(_FILL, (blocks_for(samples.count, _FILL), 1, 1), **sorting)
         machine.launch(_ARRANGE, (blocks_for(cells, _ARRANGE), 1, 1), **sorting)
-        machine.launch(
-            _RESOLVE,
-            (blocks_for(plan.height * plan.width, _RESOLVE), 1, 1),
-            sorted=arranged,
-            starts=starts,
-            color=samples.color,
-            uv=samples.uv,
-            bandwidth=samples.bandwidth,
-            bands=bands,
-            radius=plan.rule.radius,
-            along_lens=plan.rule.along_lens,
-            along_time=plan.rule.along_time,
-            tolerance=plan.rule.tolerance,
-            tent=plan.rule.tent,
-            overhang=plan.rule.overhang,
-            u=u,
-            v=v,
-            offset_x=x,
-            offset_y=y,
-            weight=weight,
-            band_starts=starts_of_bands,
-            band_count=len(plan.band_starts),
-            height=plan.height,
-            width=plan.width,
-            **grid,
-        )
+        view = DeviceView.of_plan(plan, number, grid, arranged, starts)
+        if relighting is None:
+            _resolve(machine, samples, plan, number, view, bands)
+        else:
+            relighting.add_view(number, view, bands)
     return bands
+
+
+def _resolve(
+    machine: Machine, samples: DeviceSamples, plan: Plan, number: int, view: DeviceView, bands: Any
+) -> None:
+    """Add what all pixels see in a view, as bright as samples are."""
+    x, y = plan.locations.offset[number]
+    machine.launch(
+        _RESOLVE,
+        (blocks_for(plan.height * plan.width, _RESOLVE), 1, 1),
+        color=samples.color,
+        uv=samples.uv,
+        bandwidth=samples.bandwidth,
+        bands=bands,
+        offset_x=x,
+        offset_y=y,
+        weight=plan.locations.weight[number],
+        band_starts=view.band_starts,
+        band_count=len(plan.band_starts),
+        height=plan.height,
+        width=plan.width,
+        **view.arguments,
+    )
 
 
 def _grid(plan: Plan) -> dict[str, Any]:

@@ -50,7 +50,7 @@ def shade(
     *,
     light_points: int = 128,
     radius_scale: float = 1.4,
-    correction: float = 0.7,
+    correction: float = 0.5,
     device: Device = "auto",
     threads: int | None = None,
     progress: bool = False,
@@ -89,8 +89,8 @@ def shade(
     """
     require_option("light_points", light_points, 1 <= light_points <= 65536, "from 1 to 65536")
     require_option("radius_scale", radius_scale, 0.25 <= radius_scale <= 8, "from 0.25 to 8")
-    settles = correction == 0 or 0.5 <= correction <= 16
-    require_option("correction", correction, settles, "0 or from 0.5 to 16 px")
+    settles = correction == 0 or 0.5 <= correction <= 4
+    require_option("correction", correction, settles, "0 or from 0.5 to 4 px")
     require_option("device", device, device in get_args(Device), f"of {', '.join(get_args(Device))}")
     chosen = pick_device(_DEVICES, device)
     lighting = samples.lighting
@@ -107,7 +107,7 @@ def shade(
         shade_all = _shade_by_definition if chosen == "reference" else _shade_tiles
         color = shade_all(samples, lighting, rule, times, views, execution)
     if correction:
-        color = settle(samples, lighting, color, correction)
+        color = settle(samples, color, correction, execution)
     return replace(samples, color=color, lighting=None)
 
 
