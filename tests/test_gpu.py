@@ -22,6 +22,7 @@ from fewrays.cuda.samples import DeviceSamples
 from fewrays.dynamic import DepthLayer, DeviceLayer, defocus_rgba
 from fewrays.pixel_filter import PixelFilter
 from fewrays.samples import SampleBuffer
+from fewrays.sources.analytic import Plane, sample, smooth_noise, stripes
 from fewrays.sources.analytic_shadows import Ball, Scene, render_lit
 from fewrays.temporal import cuda_refine
 from fewrays.temporal.cuda_dispersion import dispersion_on_card
@@ -84,6 +85,15 @@ def lit_samples(size: tuple[int, int], *, moving: bool = False) -> SampleBuffer:
 @pytest.mark.parametrize("moving", [False, True])
 def test_multiplane(size: tuple[int, int], moving: bool) -> None:
     samples = samples_of(size, moving=moving)
+    image = reconstruct(samples, device="cuda", views=64)
+    assert_like_the_cpu(image, reconstruct(samples, device="cpu", views=64))
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_multiplane_along_edges(size: tuple[int, int]) -> None:
+    """Of edges that are long enough to be followed; random samples have none."""
+    bars = Plane(LENS.depth(0.5), smooth_noise(8), stripes(25.0, direction=(3.0, 1.0)))
+    samples = sample([bars, Plane(LENS.depth(4.0), smooth_noise(8, seed=1))], LENS, *size, 4)
     image = reconstruct(samples, device="cuda", views=64)
     assert_like_the_cpu(image, reconstruct(samples, device="cpu", views=64))
 
