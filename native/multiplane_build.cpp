@@ -164,7 +164,7 @@ void resolve(const Evidence<cells>& evidence, const DepthPlane& plane, const std
     constexpr int across = 192 / Blocks::width, down = 192 / Blocks::height;
     constexpr int rows = down * Blocks::height + 2 * halo, columns = across * Blocks::width + 2 * halo;
     static_assert(rows % (1 << estimate_levels) == 0 && columns % (1 << estimate_levels) == 0);
-    std::vector<EstimateMaps> pyramid = make_pyramid(rows, columns);
+    thread_local std::vector<EstimateMaps> pyramid = make_pyramid(rows, columns);
     EstimateMaps& maps = pyramid.front();
     const std::size_t size = maps.cell_count();
     std::vector<float> kept(size);
@@ -188,9 +188,11 @@ void resolve(const Evidence<cells>& evidence, const DepthPlane& plane, const std
                           maps.total.data(), maps.radiance.data(), kept.data());
             estimate(pyramid, rule, range);
             // Where no block is kept nothing was hit, though no pass was counted either.
-            for (std::size_t i = 0; i < size; ++i) maps.opacity[i] *= kept[i];
+            const std::size_t begin = static_cast<std::size_t>(range.top) * columns;
+            const std::size_t end = static_cast<std::size_t>(range.bottom) * columns;
+            for (std::size_t i = begin; i < end; ++i) maps.opacity[i] *= kept[i];
             for (std::size_t c = 0; c < 3; ++c)
-                for (std::size_t i = 0; i < size; ++i) maps.color[c * size + i] *= maps.opacity[i];
+                for (std::size_t i = begin; i < end; ++i) maps.color[c * size + i] *= maps.opacity[i];
             const float* const sources[channels] = {maps.opacity.data(), maps.color.data(), maps.color.data() + size,
                                                     maps.color.data() + 2 * size};
             for (int row = top; row < bottom; ++row)

@@ -21,11 +21,11 @@ void halve(const float* fine, int rows, int columns, float* coarse) {
     }
 }
 
-// Interpolates a coarse map linearly to twice the resolution.
+// Interpolates a coarse map linearly to twice the resolution: rows [first, last) of that.
 FEWRAYS_CLONES
-void twice(const float* FEWRAYS_RESTRICT coarse, int rows, int columns, float* FEWRAYS_RESTRICT line,
-           float* FEWRAYS_RESTRICT out) {
-    for (int i = 0; i < 2 * rows; ++i) {
+void twice(const float* FEWRAYS_RESTRICT coarse, int rows, int columns, int first, int last,
+           float* FEWRAYS_RESTRICT line, float* FEWRAYS_RESTRICT out) {
+    for (int i = first; i < last; ++i) {
         const int own = i / 2, other = std::clamp(own + (i % 2 ? 1 : -1), 0, rows - 1);
         const float* FEWRAYS_RESTRICT near_row = coarse + std::ptrdiff_t{own} * columns;
         const float* FEWRAYS_RESTRICT far_row = coarse + std::ptrdiff_t{other} * columns;
@@ -52,25 +52,36 @@ void draw_towards(const float* FEWRAYS_RESTRICT sum, const float* FEWRAYS_RESTRI
     for (std::size_t i = 0; i < cells; ++i) out[i] = (sum[i] + share[i] * out[i]) / (weight[i] + count[i]);
 }
 
-// Estimates opacity and radiance of cells, given the estimate of cells twice as wide.
-void refine(const EstimateMaps& coarse, EstimateMaps& fine, float prior) {
-    const std::size_t size = fine.cell_count();
-    std::vector<float> line(static_cast<std::size_t>(coarse.columns) + 2), count(size, prior), share(size);
-    twice(coarse.opacity.data(), coarse.rows, coarse.columns, line.data(), fine.opacity.data());
-    draw_towards(fine.hits.data(), fine.total.data(), count.data(), count.data(), size, fine.opacity.data());
+// Estimates opacity and radiance of cells in rows [first, last), given the estimate of cells twice as wide.
+void refine(const EstimateMaps& coarse, EstimateMaps& fine, float prior, int first, int last) {
+    const std::size_t size = fine.cell_count(), columns = static_cast<std::size_t>(fine.columns);
+    const std::size_t begin = static_cast<std::size_t>(first) * columns, end = static_cast<std::size_t>(last) * columns;
+    std::vector<float> line(static_cast<std::size_t>(coarse.columns) + 2);
+    const auto interpolate = [&](const std::vector<float>& from, std::size_t from_map, std::vector<float>& to,
+                                 std::size_t to_map) {
+        twice(from.data() + from_map, coarse.rows, coarse.columns, first, last, line.data(), to.data() + to_map);
+    };
+    const auto draw = [&](const std::vector<float>& sum, const std::vector<float>& weight, std::size_t map,
+                          std::vector<float>& out) {
+        draw_towards(sum.data() + map + begin, weight.data() + begin, fine.share.data() + begin,
+                     fine.count.data() + begin, end - begin, out.data() + map + begin);
+    };
+    std::fill(fine.count.begin() + first * fine.columns, fine.count.begin() + last * fine.columns, prior);
+    std::fill(fine.share.begin() + first * fine.columns, fine.share.begin() + last * fine.columns, prior);
+    interpolate(coarse.opacity, 0, fine.opacity, 0);
+    draw(fine.hits, fine.total, 0, fine.opacity);
     // Radiance is known only where something was hit.
-    twice(coarse.known.data(), coarse.rows, coarse.columns, line.data(), fine.known.data());
+    interpolate(coarse.known, 0, fine.known, 0);
     constexpr float none = 1e-30f;  // samples that leave a cell's own ones alone
-    for (std::size_t i = 0; i < size; ++i) {
+    for (std::size_t i = begin; i < end; ++i) {
         const float known = fine.known[i];
-        share[i] = known > 0.0f ? prior / known : 0.0f;
-        count[i] = known > 0.0f ? prior : none;
+        fine.share[i] = known > 0.0f ? prior / known : 0.0f;
+        fine.count[i] = known > 0.0f ? prior : none;
         fine.known[i] = known > 0.0f || fine.hits[i] > 0.0f ? 1.0f : 0.0f;
     }
     for (std::size_t c = 0; c < 3; ++c) {
-        float* color = fine.color.data() + c * size;
-        twice(coarse.color.data() + c * coarse.cell_count(), coarse.rows, coarse.columns, line.data(), color);
-        draw_towards(fine.radiance.data() + c * size, fine.hits.data(), share.data(), count.data(), size, color);
+        interpolate(coarse.color, c * coarse.cell_count(), fine.color, c * size);
+        draw(fine.radiance, fine.hits, c * size, fine.color);
     }
 }
 
@@ -102,9 +113,9 @@ void estimate(std::vector<EstimateMaps>& pyramid, const EstimateRule& rule, cons
             top.color[c * size + i] = hit ? top.radiance[c * size + i] / top.hits[i] : 0.0f;
     }
     for (std::size_t level = pyramid.size() - 1; level > 1; --level)
-        refine(pyramid[level], pyramid[level - 1], rule.prior);
+        refine(pyramid[level], pyramid[level - 1], rule.prior, 0, pyramid[level - 1].rows);
     if (rule.along > 0.0f) gather_along_edges(pyramid[1], rule.along, range, pyramid[0]);
-    refine(pyramid[1], pyramid[0], rule.prior);
+    refine(pyramid[1], pyramid[0], rule.prior, range.top, range.bottom);
 }
 
 }  // namespace fewrays

@@ -15,6 +15,7 @@ struct EstimateMaps {
     std::vector<float> hits, total, radiance;  // sums of rays; radiance has three maps, one after the other
     std::vector<float> opacity, color;         // the estimate
     std::vector<float> known;                  // 1 where there is an estimate of radiance, else 0
+    std::vector<float> share, count;           // how much the next wider cells count: room to work in
 
     EstimateMaps(int rows_, int columns_) : rows(rows_), columns(columns_) {
         const std::size_t size = cell_count();
@@ -24,6 +25,8 @@ struct EstimateMaps {
         opacity.resize(size);
         known.resize(size);
         color.resize(3 * size);
+        share.resize(size);
+        count.resize(size);
     }
     std::size_t cell_count() const { return static_cast<std::size_t>(rows) * static_cast<std::size_t>(columns); }
 };
@@ -41,8 +44,9 @@ struct EstimateRule {
     float along;  // rays that cells look for along edges, to each side; 0 for none
 };
 
-// Estimates opacity and radiance of the finest maps from their sums. Rays are gathered along edges in `range`, which
-// ends `estimate_halo` cells before the maps' borders or, to the right and below, at most three cells later.
+// Estimates opacity and radiance of the finest maps from their sums, in the rows of `range`. Rays are gathered along
+// edges in `range`, which ends `estimate_halo` cells before the maps' borders or, to the right and below, at most three
+// cells later.
 void estimate(std::vector<EstimateMaps>& pyramid, const EstimateRule& rule, const CellRange& range);
 
 }  // namespace fewrays
