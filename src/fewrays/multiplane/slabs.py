@@ -35,6 +35,7 @@ __all__ = ["FARTHEST", "MOST_PLANES", "Assignment", "SlabRule", "assign_planes"]
 Float64 = npt.NDArray[np.float64]
 
 _CHUNK = 2**20  # samples that are assigned at a time
+_MOST_KEYS = 2**23  # that are looked up in a table, instead of sorted
 _WIDE = 4.0  # times the blur up to which slabs are even; thickness then grows faster than blur
 _WIDE_AT = 1 + math.log(_WIDE)  # s(C) of that, in units of L / w
 
@@ -178,7 +179,10 @@ def _number_rows(key: npt.NDArray[np.int32]) -> tuple[npt.NDArray[np.int32], npt
     flat = np.zeros(len(key), np.int64)
     for column, span in zip(range(key.shape[1]), spans, strict=True):
         flat = flat * span + (key[:, column] - low[column])
-    present = np.flatnonzero(np.bincount(flat, minlength=1)) if spans.prod() < 2**26 else np.unique(flat)
-    number = np.searchsorted(present, flat)
+    if spans.prod() <= _MOST_KEYS:
+        occurs = np.bincount(flat, minlength=1) > 0
+        present, number = np.flatnonzero(occurs), (np.cumsum(occurs) - 1)[flat]
+    else:
+        present, number = np.unique(flat, return_inverse=True)
     rows = np.stack(np.unravel_index(present, tuple(spans)), axis=-1).astype(np.int32) + low
     return rows, number
