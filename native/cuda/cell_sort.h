@@ -7,6 +7,7 @@
 #include "../simd.h"
 #include "atomics.h"
 #include "block.h"
+#include "shell_sort.h"
 
 namespace fewrays {
 
@@ -16,17 +17,9 @@ FEWRAYS_INLINE void put_into_cell(const std::uint32_t* starts, std::uint32_t* ta
     order[starts[cell] + atomic_take(&taken[cell])] = static_cast<std::int32_t>(i);
 }
 
-// Sorts the numbers of a cell, by Shell's method: most cells have few, some very many.
+// Sorts the numbers of a cell.
 FEWRAYS_INLINE void sort_numbers(std::int32_t* numbers, int count) {
-    int gap = 1;
-    while (gap < count / 3) gap = 3 * gap + 1;
-    for (; gap > 0; gap /= 3)
-        for (int i = gap; i < count; ++i) {
-            const std::int32_t number = numbers[i];
-            int to = i;
-            for (; to >= gap && numbers[to - gap] > number; to -= gap) numbers[to] = numbers[to - gap];
-            numbers[to] = number;
-        }
+    shell_sort(numbers, count, [](std::int32_t a, std::int32_t b) { return a < b; });
 }
 
 }  // namespace fewrays

@@ -9,6 +9,7 @@
 #include "../math/reprojection.h"
 #include "../math/surround.h"
 #include "../simd.h"
+#include "shell_sort.h"
 
 namespace fewrays {
 
@@ -88,15 +89,7 @@ public:
 
     // Puts the names in order, from the front to the back.
     FEWRAYS_INLINE void sort_by_slope() {
-        int gap = 1;
-        while (gap < count_ / 3) gap = 3 * gap + 1;
-        for (; gap > 0; gap /= 3)
-            for (int i = gap; i < count_; ++i) {
-                const std::int32_t place = place_[i];
-                int to = i;
-                for (; to >= gap && is_before(place, place_[to - gap]); to -= gap) place_[to] = place_[to - gap];
-                place_[to] = place;
-            }
+        shell_sort(place_, count_, [this](std::int32_t a, std::int32_t b) { return is_before(a, b); });
     }
 
     // Where the surface ends that begins with sample `first`. Samples of one slope all join it, or none does.

@@ -208,9 +208,7 @@ class Lighting:
         ndarray, (H, W, S, 3)
             In camera space.
         """
-        depth = samples.depth[rows].astype(np.float64)
-        at_center = samples.xy[rows] - samples.lens.slope(depth)[..., None] * samples.uv[rows]
-        return self.projection.points(at_center, depth)
+        return self.projection.points(samples.at_center(rows), samples.depth[rows])
 
     def arrives(self, samples: SampleBuffer, light_number: int) -> npt.NDArray[np.bool_]:
         """Tell which light samples get to the points that they were aimed at, ``(H, W, S)``.

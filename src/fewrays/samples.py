@@ -184,6 +184,11 @@ class SampleBuffer:
         """Signed circle-of-confusion radius of every sample, ``(H, W, S)`` in pixels."""
         return self.lens.slope(self.depth).astype(np.float32, copy=False)
 
+    def at_center(self, rows: slice = slice(None)) -> npt.NDArray[np.float64]:
+        """Image positions at which the lens centre sees what samples of some rows hit, ``(H, W, S, 2)``."""
+        slope = self.lens.slope(self.depth[rows].astype(np.float64))
+        return np.asarray(self.xy[rows] - slope[..., None] * self.uv[rows], np.float64)
+
     def with_lens(self, lens: Lens) -> SampleBuffer:
         """Return the samples as they would be, had they been traced through another lens.
 

@@ -9,6 +9,8 @@ et al. 2007). Gradients are those of the estimate of cells twice as wide, which 
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 import numpy.typing as npt
 
@@ -16,6 +18,7 @@ __all__ = ["gather_along_edges"]
 
 Float64 = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 _UNSEEN_EDGE = 1e-3  # squares of gradients that count as no edge
 _FARTHEST = 12.0  # cells
@@ -45,7 +48,7 @@ def gather_along_edges(sums: Float64, coarse: Float64, along: float) -> Float64:
     rows, columns = sums.shape[:2]
     rays = sums[..., 4].reshape(rows // 2, 2, columns // 2, 2).mean(axis=(1, 3))
     wide_slope, wide_fade, wide_steep = _ways(coarse, rays, along)
-    slope, fade, steep = _by_four(wide_slope), _by_four(wide_fade), _by_four(wide_steep).astype(np.bool_)
+    slope, fade, steep = _by_four(wide_slope), _by_four(wide_fade), _by_four(wide_steep)
     steps = np.floor(1 / np.sqrt(fade)).astype(np.int64)
     row, column = np.indices((rows, columns))
     gathered = sums.copy()
@@ -88,10 +91,9 @@ def _ways(coarse: Float64, rays: Float64, along: float) -> tuple[Float64, Float6
     return slope, fade, xx > yy
 
 
-def _by_four(wide: npt.NDArray[np.float64] | npt.NDArray[np.bool_]) -> Float64:
+def _by_four(wide: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
     """Repeat each value of a map (R, C) for 2 x 2 cells."""
-    fine: Float64 = np.repeat(np.repeat(wide, 2, axis=0), 2, axis=1).astype(np.float64)
-    return fine
+    return np.repeat(np.repeat(wide, 2, axis=0), 2, axis=1)
 
 
 def _gradient(map_: Float64) -> tuple[Float64, Float64]:

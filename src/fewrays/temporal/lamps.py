@@ -151,11 +151,10 @@ def facing_normals(samples: SampleBuffer, lighting: Lighting) -> Float32:
         Unit normals in camera space that point away from the camera.
     """
     depth = samples.depth.astype(np.float64)
-    at_center = samples.xy - samples.lens.slope(depth)[..., None] * samples.uv
     gradient = lighting.depth_gradient.astype(np.float64)
     projection = lighting.projection
     across = -gradient * np.array(projection.focal)
-    along = depth + (gradient * (at_center - np.array(projection.center))).sum(axis=-1)
+    along = depth + (gradient * (samples.at_center() - np.array(projection.center))).sum(axis=-1)
     normal = np.concatenate([across, along[..., None]], axis=-1)
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), np.finfo(np.float64).tiny)
     return normal.reshape(-1, 3).astype(np.float32)

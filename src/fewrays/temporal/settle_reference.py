@@ -51,11 +51,10 @@ class Around:
         lighting = samples.lighting
         assert lighting is not None
         depth = samples.depth.astype(np.float64)
-        at_center = samples.xy - samples.lens.slope(depth)[..., None] * samples.uv
         gradient = -lighting.depth_gradient / np.square(depth)[..., None]
         return cls(
             samples.xy,
-            at_center.astype(np.float32),
+            samples.at_center().astype(np.float32),
             (1 / depth).astype(np.float32),
             gradient.astype(np.float32),
             lighting.normal,
